@@ -69,9 +69,17 @@ test: build ## everything that guards a change, at most 15 minutes on 2 cores
 	$(VENV)/bin/ruff check .
 	$(PY) -m pytest -n $(JOBS) --dist loadgroup --no-loadscope-reorder --durations=20 tests
 
-bench: build ## comparisons with peers (installs them as the extra [bench])
+# The peers are installed apart from the package: those without a wheel are compiled, and need the
+# build isolation that the package is installed without.
+$(VENV)/.peers: pyproject.toml | setup
 	@$(MAKE) --no-print-directory apt APT=gfortran
-	$(PY) -m pip install -q -e ".[bench]" --no-build-isolation
+	@$(PY) -c 'import tomllib; f = open("pyproject.toml", "rb"); \
+	  print(*tomllib.load(f)["project"]["optional-dependencies"]["bench"], sep="\n")' \
+	  > build/peers.txt
+	$(PY) -m pip install -q -r build/peers.txt
+	@touch $@
+
+bench: build $(VENV)/.peers ## comparisons with peers (installs those of the extra [bench])
 	$(VENV)/bin/vgroove bench speed --json build/bench_speed.json
 	$(VENV)/bin/vgroove bench trap --json build/bench_trap.json
 

@@ -70,7 +70,8 @@ const double *column_of(const std::optional<Column> &column, std::size_t rows, c
 void log_input_init(vgroove::LogInput *self, Column time_s, const std::string &kind, Column command,
                     std::optional<double> slew_per_s, std::optional<Column> supply_v,
                     std::optional<Column> load_nm, std::optional<Column> coast,
-                    const std::string &load, double slew_slack) {
+                    const std::string &load, double slew_slack, std::optional<Column> skipped_a2,
+                    std::optional<Column> skipped_bus_a) {
     new (self) vgroove::LogInput();
     const std::size_t rows = time_s.shape(0);
     self->time_s.assign(time_s.data(), time_s.data() + rows);
@@ -86,6 +87,14 @@ void log_input_init(vgroove::LogInput *self, Column time_s, const std::string &k
         self->load_nm = vgroove::hold_missing(column_of(load_nm, rows, "load_nm"), rows, 0.0);
     if (coast)
         self->open = vgroove::hold_missing(column_of(coast, rows, "coast"), rows, 0.0);
+    if (skipped_a2.has_value() != skipped_bus_a.has_value())
+        throw std::invalid_argument("LogInput: skipped_a2 needs skipped_bus_a, and the reverse");
+    if (!skipped_a2)
+        return;
+    const double *square = column_of(skipped_a2, rows, "skipped_a2");
+    const double *bus = column_of(skipped_bus_a, rows, "skipped_bus_a");
+    self->skipped_a2.assign(square, square + rows);
+    self->skipped_bus_a.assign(bus, bus + rows);
 }
 
 vgroove::SimulateOptions options_of(int threads, const std::string &solver, double tolerance,
@@ -248,7 +257,8 @@ void bind_plant(nb::module_ &m) {
         .def("__init__", &log_input_init, "time_s"_a, "kind"_a, "command"_a,
              "slew_per_s"_a.none() = nb::none(), "supply_v"_a.none() = nb::none(),
              "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none",
-             "slew_slack"_a = 0.0);
+             "slew_slack"_a = 0.0, "skipped_a2"_a.none() = nb::none(),
+             "skipped_bus_a"_a.none() = nb::none());
     m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
           "threads"_a = 2, "solver"_a = "exact", "tolerance"_a = 0.0, "unfinished"_a = "raise",
           "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, "

@@ -18,6 +18,7 @@ from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning
 
 if TYPE_CHECKING:
+    from vgroove.gap.cleaning.time_range import TimeRange
     from vgroove.run import RunOptions
 
 # The plant starts threads itself, with which BLAS threads would compete. The variable is read when
@@ -29,6 +30,14 @@ gap_app = typer.Typer(
     no_args_is_help=True, help="Diagnose the gap between a log and its simulation."
 )
 app.add_typer(gap_app, name="gap")
+FromS = Annotated[
+    float | None,
+    typer.Option("--from", metavar="S", help="Use no row before this time of the log, in s."),
+]
+ToS = Annotated[
+    float | None,
+    typer.Option("--to", metavar="S", help="Use no row after this time of the log, in s."),
+]
 bench_app = typer.Typer(
     no_args_is_help=True,
     help="Benchmarks: plant and diagnosis against other software, controllers in simulation.",
@@ -235,17 +244,28 @@ def sim(
             help="With --log: seconds after which the model restarts from measured states."
         ),
     ] = 0.25,
+    from_s: FromS = None,
+    to_s: ToS = None,
 ) -> None:
     """Simulate the plant without firmware: a scenario, or a rig at full trigger; with --log, a rig
     driven by the log's input, and its gap on held-out blocks.
     """
+    from vgroove.gap.cleaning.time_range import TimeRange
+
     _check_outputs(json_path, output, inputs=[path, *(log or [])])
-    figures = _sim_logs(path, log, output, restart_s) if log else _sim_scenario(path, output)
+    if log:
+        figures = _sim_logs(path, log, output, restart_s, TimeRange(from_s, to_s))
+    else:
+        figures = _sim_scenario(path, output)
     _write_json(json_path, figures)
 
 
 def _sim_logs(
-    rig_path: Path, logs: list[Path], output: Path | None, restart_s: float
+    rig_path: Path,
+    logs: list[Path],
+    output: Path | None,
+    restart_s: float,
+    time_range: "TimeRange",
 ) -> dict[str, Any]:
     from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
     from vgroove.log import read_log
@@ -255,7 +275,8 @@ def _sim_logs(
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
     if output and len(logs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
-    figures, problem = compute_gap(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
+    rig, tables = read_rig(rig_path), [time_range.select(read_log(path)) for path in logs]
+    figures, problem = compute_gap(rig, tables, restart_s)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
         print_warning(Console(stderr=True), warning)
@@ -317,6 +338,8 @@ def gap_diagnose(
             "--without", metavar="ID", help="Leave an effect out of the catalogue; may be repeated."
         ),
     ] = None,
+    from_s: FromS = None,
+    to_s: ToS = None,
 ) -> None:
     """Find where logs and simulation differ, which effect the simulation lacks, and how much that
     effect reduces the gap.
@@ -325,7 +348,8 @@ def gap_diagnose(
     from vgroove.gap.command import OutputPaths, diagnose_files
 
     outputs = OutputPaths(json_path, html_path, out_rig)
-    diagnose_files(logs, rig, outputs, DiagnosisOptions(seed, tuple(without or ())))
+    options = DiagnosisOptions(seed, tuple(without or ()), from_s=from_s, to_s=to_s)
+    diagnose_files(logs, rig, outputs, options)
 
 
 @gap_app.command("emps")

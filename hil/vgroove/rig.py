@@ -6,7 +6,7 @@ import copy
 import difflib
 import tomllib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ class Rig:
     sensors: dict[str, Any] = field(default_factory=dict)
     tolerance: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, Any]] = field(default_factory=dict)
+    clip: dict[str, float] = field(default_factory=dict)
     name: str | None = None
 
     @property
@@ -70,6 +71,15 @@ class Rig:
             section, name = key.split(".", 1)
             data.setdefault(section, {})[name] = value
         return rig_from_dict(data, "the changed rig")
+
+    def with_clip(self, clip: Mapping[str, float]) -> "Rig":
+        """A copy that states where the residuals of a gap are clipped, in sigmas by column."""
+        return replace(self, clip=dict(clip))
+
+    @property
+    def command_holds_after(self) -> bool:
+        """Whether rows are instants: the command of a row holds from the row on."""
+        return self.input.get("hold", "before") == "after"
 
     def with_effects(self, effects: Mapping[str, Mapping[str, Any]]) -> "Rig":
         """A copy with effects added or, where the rig has them already, replaced."""
@@ -158,6 +168,7 @@ class Rig:
             "sensors",
             "tolerance",
             "effects",
+            "clip",
         ):
             values = getattr(self, section)
             if values or section in ("mechanism", "load"):

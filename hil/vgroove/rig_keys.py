@@ -5,6 +5,7 @@ loads come from the catalogue.
 from vgroove.gap.catalogue import BY_ID, LOADS
 from vgroove.gap.catalogue.keys import Key, between, choice, flag, whole
 
+JUDGED_COLUMNS = ("current_a", "supply_v", "speed_rpm", "position_rad")
 # The ranges include motors from 0.3 W (5e-10 kg m2, 0.5 mN m/A, 100 ohm) to hundreds of kilowatts,
 # and linear axes described by the same keys (EMPS, the electro-mechanical positioning system of
 # tests/data/emps: 95 kg, 35 N/V). A value outside is impossible for a tool, or in another unit.
@@ -13,6 +14,7 @@ SECTIONS: dict[str, dict[str, Key]] = {
         "kind": choice("duty", "voltage_v", "current_a"),
         "slew_per_s": between(1e-4, 1e8).optional(),
         "bus": choice("modelled", "measured").optional(),
+        "hold": choice("before", "after").optional(),
     },
     "supply": {
         "voltage_v": between(0.01, 5e3).optional(),
@@ -38,7 +40,9 @@ SECTIONS: dict[str, dict[str, Key]] = {
         "hall_timeout_s": between(1e-4, 1e3).optional(),
         "supply_noise_v": between(0, 1e4).optional(),
         "position_lsb_rad": between(0, 1e3).optional(),
+        "clock_ppm": between(0.01, 1e5).optional(),
     },
+    "clip": {column: between(1, 1e12).optional() for column in JUDGED_COLUMNS},
 }
 
 MECHANISMS: dict[str, dict[str, Key]] = {

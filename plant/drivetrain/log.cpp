@@ -151,8 +151,7 @@ static void fill_before_start(const LogInput &in, std::size_t batch, const LogSt
 
 static Run run_of(const LogInput &in, const double *theta, const LogStarts &starts,
                   const LogOutput &out, const SimulateOptions &options) {
-    const double interval_s =
-        (in.time_s.back() - in.time_s.front()) / static_cast<double>(in.time_s.size() - 1);
+    const double interval_s = log_input_interval_s(in);
     return Run{&in,        theta,  &starts, &out, options, log_input_peak(in.command_end),
                interval_s, nullptr};
 }

@@ -37,6 +37,18 @@ void log_input_check_time(const LogInput &in, const char *caller) {
             throw std::invalid_argument(std::string(caller) + ": time_s must increase");
 }
 
+double log_input_interval_s(const LogInput &in) {
+    double total = in.time_s.back() - in.time_s.front();
+    std::size_t count = in.time_s.size() - 1;
+    for (std::size_t row = 1; row < in.skipped_a2.size(); ++row) {
+        if (!log_input_skips(in, row))
+            continue;
+        total -= in.time_s[row] - in.time_s[row - 1];
+        --count;
+    }
+    return count > 0 ? total / static_cast<double>(count) : 0.0;
+}
+
 double log_input_peak(const std::vector<double> &column) {
     double peak = 0.0;
     for (const double x : column)

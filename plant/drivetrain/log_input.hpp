@@ -23,7 +23,17 @@ struct LogInput {
     std::vector<double> load_nm;                     // at the end of the row
     std::vector<double> open;                        // 1: the bridge is open in the row's interval
     LoadKind load_kind = LoadKind::NONE;
+    // Rows that are not simulated have means over their interval here, the others NaN: the square
+    // of the current, A^2, and the current that the bus delivers, A. They drive heat and charge.
+    std::vector<double> skipped_a2, skipped_bus_a;
 };
+
+inline bool log_input_skips(const LogInput &in, std::size_t row) {
+    return !in.skipped_a2.empty() && !std::isnan(in.skipped_a2[row]);
+}
+
+// Mean length of the rows that are simulated
+double log_input_interval_s(const LogInput &in);
 
 // Sets command_start and command_end from a column: a straight line from row to row where the
 // change is within the slew rate, else a step at the interval's start. slew_per_s NaN: steps only.

@@ -231,8 +231,56 @@ VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogSta
     }
 }
 
+// x after `seconds` of x' = gain - rate x with constant gain and rate
+inline double relaxed(double x, double gain, double rate, double seconds) {
+    const double grown = rate * seconds;
+    const double share = grown != 0.0 ? -std::expm1(-grown) / grown : 1.0;
+    return x * std::exp(-grown) + gain * seconds * share;
+}
+
+// Charge, polarisation (components/supply.hpp) and heat (components/motor.hpp) of one lane
+template <class V, int N>
+inline void skip_slow_states(Solver<V, N> &s, int lane, double square_a2, double bus_a,
+                             double seconds) {
+    const Drivetrain<V> &m = s.model;
+    if (m.effects & EFFECT_SUPPLY_DROOP) {
+        const double rate = get(m.supply.polarisation_rate, lane);
+        set(s.state.x[STATE_CHARGE], lane, get(s.state.x[STATE_CHARGE], lane) + bus_a * seconds);
+        set(s.state.x[STATE_POLARISATION], lane,
+            relaxed(get(s.state.x[STATE_POLARISATION], lane),
+                    get(m.supply.polarisation_ohm, lane) * bus_a * rate, rate, seconds));
+    }
+    if (m.effects & EFFECT_WINDING_HEATING) {
+        const double gain =
+            get(m.motor.kelvin_per_joule, lane) * square_a2 * get(m.motor.resistance_ohm, lane);
+        const double rate = get(m.motor.cooling_rate, lane) - gain * COPPER_PER_KELVIN;
+        set(s.state.x[STATE_HEAT], lane,
+            relaxed(get(s.state.x[STATE_HEAT], lane), gain, rate, seconds));
+    }
+}
+
+// A row that is not simulated: the shaft keeps its state, and the slow states follow the measured
+// current in closed form.
+template <class V, int N>
+inline void skip_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
+    Solver<V, N> &s = g.solver;
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        Cursor &c = g.cursor[lane];
+        const double seconds = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
+        if constexpr (N > STATE_HEAT)
+            skip_slow_states(s, lane, in.skipped_a2[row], in.skipped_bus_a[row], seconds);
+        c.now_s += seconds;
+        c.row_remaining_s = 0.0;
+        set(s.drive.time_s, lane, c.now_s);
+        set(s.state.x[STATE_CURRENT_TIME], lane, 0.0);
+        set(s.state.x[STATE_BUS_TIME], lane, 0.0);
+    }
+}
+
 template <class V, int N>
 VGROOVE_INLINE void step_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
+    if (log_input_skips(in, row))
+        return skip_row(g, in, row);
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
         begin_row(g, in, row, lane);
     flush_tiny(g.solver.state);

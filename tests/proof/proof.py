@@ -113,6 +113,15 @@ def gap_bench(half: str, folder: Path, jobs: int) -> dict:
     return json.loads(out.read_text(encoding="utf-8"))
 
 
+def measured_machines(folder: Path, _jobs: int) -> dict:
+    """Verdicts on the measured machines, by the command line."""
+    out = folder / "measured_machines.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    script = ROOT / "tests/proof/measured_machines.py"
+    subprocess.run([sys.executable, script, "--json", out], check=True, cwd=ROOT)
+    return json.loads(out.read_text(encoding="utf-8"))
+
+
 def control(part: str, folder: Path, jobs: int) -> dict:
     """All cells of a part of the controllers' bench; finished cells are kept in the folder."""
     choice = Choice(draws=CONTROL_DRAWS[part], workers=jobs, keep=folder / f"control_{part}")
@@ -128,6 +137,16 @@ def control(part: str, folder: Path, jobs: int) -> dict:
     } | found
 
 
+def gap_bench_measured(half: str, folder: Path, jobs: int) -> dict:
+    """The cases with disturbances of a half of the blind set."""
+    out = folder / f"gap_bench_measured_{half}.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "vgroove.cli", "gap", "bench", "--set", half]
+    more = ["--regime", "measured", "--jobs", str(jobs), "--json", out]
+    subprocess.run([*command, *more], check=True, cwd=ROOT)
+    return json.loads(out.read_text(encoding="utf-8"))
+
+
 def without_runs(part: dict) -> dict:
     """A part without its lists of single runs, which are longer than those of cells."""
     return {
@@ -141,9 +160,14 @@ PROOFS = {
     "demo_seeds": demo_seeds,
     "gap_bench": partial(gap_bench, "report"),
     "gap_bench_tune": partial(gap_bench, "tune"),
+    "measured_machines": measured_machines,
 }
 PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
 PROOFS |= {f"control_{part}": partial(control, part) for part in CONTROL_DRAWS}
+PROOFS |= {
+    "gap_bench_measured": partial(gap_bench_measured, "report"),
+    "gap_bench_measured_tune": partial(gap_bench_measured, "tune"),
+}
 GROUPS = {"control": [f"control_{part}" for part in CONTROL_DRAWS]}
 
 

@@ -6,6 +6,7 @@ out, so that steps of 1 ms are enough. It has no logs and no effect that follows
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.residual.agreement import clip_sigmas
 from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.rig import rig_from_dict
@@ -160,6 +162,12 @@ class Toy:
         self.measured = self.measured_rows.ravel()
         self.warnings: list[str] = []
 
+    @cached_property
+    def clip(self) -> np.ndarray:
+        """Sigmas (3,) at which the residuals of each signal are clipped in a gap."""
+        size = np.abs(self.residuals(self.theta0)[0])
+        return np.array([clip_sigmas(size[self.signal == k]) for k in range(3)])
+
     def index(self, name: str) -> int:
         """Column of a flat parameter."""
         return self.parameters.index(name)
@@ -238,22 +246,31 @@ class Toy:
             .reshape(len(np.atleast_2d(theta)), -1)
         )
 
+    def squared(self, r: np.ndarray) -> np.ndarray:
+        """Squares, clipped at the clip of each signal."""
+        return np.minimum(np.square(r), np.square(self.clip)[self.signal])
+
     def gap(self, r: np.ndarray, mask: np.ndarray | None = None) -> float:
         """Clipped RMS."""
-        return float(
-            np.sqrt((np.clip(r[self.judged if mask is None else mask], -10, 10) ** 2).mean())
-        )
+        return float(np.sqrt(self.squared(r)[self.judged if mask is None else mask].mean()))
 
     def floor(self, mask: np.ndarray | None = None) -> float:
         """The gap that noise alone leaves: sigma is the standard deviation of the noise."""
         return 1.0
 
     def gap_by_signal(self, r: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float]:
-        """Clipped RMS of each signal in its unit."""
+        """RMS of each signal in its unit, not clipped."""
         mask = self.judged if mask is None else mask
         return {
-            s.column: s.sigma
-            * float(np.sqrt((np.clip(r[mask & (self.signal == i)], -10, 10) ** 2).mean()))
+            s.column: s.sigma * float(np.sqrt((r[mask & (self.signal == i)] ** 2).mean()))
+            for i, s in enumerate(self.signals)
+        }
+
+    def rms_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
+        """RMS of each measured signal in its unit."""
+        mask = self.judged if mask is None else mask
+        return {
+            s.column: float(np.sqrt((self.measured[mask & (self.signal == i)] ** 2).mean()))
             for i, s in enumerate(self.signals)
         }
 

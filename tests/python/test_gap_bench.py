@@ -2,6 +2,7 @@
 scoring counts no wrong verdict as right.
 """
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from truth_helpers import BY_ID, CATALOGUE, TRUTH, setting_of
 import bench_draw  # isort: skip
 import gap_bench  # isort: skip
 import responses  # isort: skip
-from bench_plan import SETS, Entry, plan  # isort: skip
+from bench_plan import MEASURED, SETS, Entry, plan, simulated_plan  # isort: skip
 from forms import FORMS, other_form  # isort: skip
 from rigs import TOLERANCE  # isort: skip
 from vgroove.errors import VgrooveError
@@ -28,6 +29,11 @@ from vgroove.gap_bench.command import Request, chosen
 from vgroove.gap_bench.report import bench_page, tables
 
 ROOT = Path(__file__).resolve().parents[2]
+# SHA-256 of names, kinds, regimes and effects of the cases of the regimes `exact` and `hard`
+SIMULATED_PLANS = {
+    "tune": "05deeebecd1d56b367e1cbdbd93b92b2f8aba51fa54b4e3e8cb63b31e654bc60",
+    "report": "e80cce0869cae8d89baba95ce233bea2c373e7ba707332ee12686eafddd1436c",
+}
 R = ["bridge_resistance", "winding_resistance"]  # equivalent effects
 
 
@@ -85,13 +91,32 @@ def test_plan_has_the_cases_of_the_page() -> None:
     kinds: Counter[str] = Counter()
     by_effect: Counter[str] = Counter()
     for half in SETS:
-        entries = plan(half)
+        entries = simulated_plan(half)
         kinds.update(e.kind for e in entries)
         by_effect.update(e.first for e in entries if e.kind == "single")
         assert len({e.name for e in entries}) == len(entries)
     assert min(by_effect[e.id] for e in CATALOGUE) >= 20
     assert (kinds["none"], kinds["pair"], kinds["triple"], kinds["unlisted"]) == (300, 150, 40, 100)
     assert {e.name for e in plan("tune")}.isdisjoint(e.name for e in plan("report"))
+
+
+@pytest.mark.parametrize("half", SETS)
+def test_the_cases_of_exact_and_hard_have_their_numbers_whatever_follows_them(half: str) -> None:
+    entries = plan(half)
+    simulated = [e for e in entries if e.regime != "measured"]
+    rows = [[e.number, e.name, e.kind, e.regime, e.first] for e in simulated]
+    assert entries[: len(rows)] == simulated
+    assert [e.number for e in entries] == list(range(len(entries)))
+    assert hashlib.sha256(json.dumps(rows).encode()).hexdigest() == SIMULATED_PLANS[half]
+
+
+@pytest.mark.parametrize("half", SETS)
+def test_the_regime_with_disturbances_has_the_cases_of_the_page(half: str) -> None:
+    entries = [e for e in plan(half) if e.regime == "measured"]
+    assert Counter(e.kind for e in entries) == MEASURED
+    assert sum(MEASURED.values()) >= 200
+    assert {e.first for e in entries if e.kind == "single"} == {e.id for e in CATALOGUE}
+    assert {e.kind for e in entries[:20]} == set(MEASURED)
 
 
 def test_the_first_cases_of_the_plan_are_of_all_kinds() -> None:
@@ -294,6 +319,71 @@ def test_only_true_names_are_right() -> None:
     assert extra.right and not extra.complete and extra.sure_and_wrong
 
 
+def test_a_partial_verdict_is_judged_by_its_names() -> None:
+    assert scored(["brush_drop"], "partial", ["brush_drop"]).right
+    assert scored(["winding_resistance"], "partial", ["bridge_resistance"]).complete
+    assert scored(["brush_drop", "current_lag"], "partial", ["current_lag", "brush_drop"]).right
+    assert not scored(["brush_drop", "current_lag"], "partial", ["brush_drop"]).right
+    assert not scored([], "partial", ["brush_drop"]).right
+    unlisted = scored([], "partial", ["brush_drop"], kind="unlisted", label="unlisted")
+    assert not unlisted.right and unlisted.sure_and_wrong
+    imitated = scored(["brush_drop"], "partial", ["dead_time"])
+    assert not imitated.right and imitated.sure_and_wrong
+    assert not scored(["brush_drop"], "partial", ["dead_time"], 0.8).sure_and_wrong
+
+
+@pytest.mark.parametrize(
+    ("outcome", "names", "right"),
+    [
+        ("none", [], True),
+        ("unlisted", [], True),
+        ("effect", ["brush_drop"], False),
+        ("partial", ["brush_drop"], False),
+        ("ambiguous", ["brush_drop"], False),
+        ("failed", [], False),
+    ],
+)
+def test_beside_disturbances_alone_nothing_may_be_named(
+    outcome: str, names: list[str], right: bool
+) -> None:
+    answer = {"kind": "disturbances", "label": "disturbances", "regime": "measured"}
+    case = scored([], outcome, names, **answer)
+    assert case.right is right
+    assert case.names_something is bool(names)
+
+
+def test_figures_of_the_regime_with_disturbances() -> None:
+    measured = {"regime": "measured", "disturbances": [{"id": "slips", "times_visible": 0.5}]}
+    alone = measured | {"kind": "disturbances", "label": "disturbances"}
+    pair = ["brush_drop", "current_lag"]
+    table = [
+        scored(["brush_drop"], "effect", ["brush_drop"]),
+        scored(["brush_drop"], "partial", ["brush_drop", "speed_gain"], 0.6, **measured),
+        scored(["brush_drop"], "partial", ["dead_time"], 0.95, **measured),
+        scored(pair, "partial", [*pair, "speed_gain"], 0.6, **measured),
+        scored([], "unlisted", [], **alone),
+        scored([], "partial", ["brush_drop"], 0.6, **alone),
+    ]
+    figures = {"set": "tune", "engine": "0", "cases": 6} | score.score(table)
+    found = figures["rates"]["measured"]
+    hits = {key: (found[key]["hits"], found[key]["of"]) for key in report.MEASURED}
+    assert hits == {
+        "single": (1, 2),
+        "single_alone": (0, 2),
+        "pair_both_named": (1, 1),
+        "pair": (0, 1),
+        "sure_and_wrong": (1, 5),
+        "disturbances": (1, 2),
+        "disturbances_named": (1, 2),
+    }
+    bins = figures["calibration_by_regime"]
+    assert (bins["exact"][-1]["of"], bins["measured"][-1]["of"]) == (1, 1)
+    names = [table.name for table in tables(figures)]
+    assert {"measured", "calibration_regimes"} <= set(names)
+    assert "measured" not in score.score(table[:1])["rates"]
+    json.dumps(figures)
+
+
 def test_a_tie_is_right_only_where_there_is_one() -> None:
     tie = scored(
         ["brush_drop"], "ambiguous", ["dead_time"], rivals=("brush_drop",), ties=[["dead_time"]]
@@ -440,3 +530,11 @@ def test_the_generator_lists_nothing_but_numbers_and_names(tmp_path: Path) -> No
     command = [sys.executable, TRUTH / "gap_bench.py", "list", tmp_path, "--numbers", "0,1"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert [len(row) for row in json.loads(done.stdout)] == [2, 2]
+
+
+def test_the_generator_lists_the_cases_of_a_regime(tmp_path: Path) -> None:
+    command = [sys.executable, TRUTH / "gap_bench.py", "list", tmp_path, "--regime", "measured"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    numbers = [number for number, _ in json.loads(done.stdout)]
+    simulated = len(simulated_plan("tune"))
+    assert numbers == list(range(simulated, simulated + sum(MEASURED.values())))

@@ -2,6 +2,7 @@
 nothing is loaded from elsewhere.
 """
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -10,20 +11,19 @@ import pytest
 
 from browser import seen
 from made_log import MadeLog, drive_log, rig
-from vgroove.gap import Verdict, diagnose
-from vgroove.gap.page import cards
+from vgroove.gap import Gap, SignalGap, Verdict, diagnose
+from vgroove.gap.page import cards, closed_notes, differing_signals, signal_weight
+from vgroove.gap.report import summary_lines, verdict_sentence
 from vgroove.page import Note, Page, Table
 
 OTHER_SITE = "http://vgroove.invalid/other.js"
 SHORT = [(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)]
 
 
-def with_oscillating_current() -> MadeLog:
-    """A log whose current oscillates at 37 Hz, which no effect explains."""
-    made = drive_log(rig(), seconds=2.0, levels=SHORT)
-    made.columns["current_a"] = made.columns["current_a"] + 0.8 * np.sin(
-        2.0 * np.pi * 37.0 * made.time_s
-    )
+def oscillating(made: MadeLog, amplitude_a: float) -> MadeLog:
+    """The log with a current that oscillates at 37 Hz, which no effect explains."""
+    wave = np.sin(2.0 * np.pi * 37.0 * made.time_s)
+    made.columns["current_a"] = made.columns["current_a"] + amplitude_a * wave
     return made
 
 
@@ -33,13 +33,17 @@ LOGS = {
     "ambiguous": lambda: drive_log(
         rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}}), seconds=2.0, levels=[(0.2, 0.5)]
     ),
-    "unlisted": with_oscillating_current,
+    "unlisted": lambda: oscillating(drive_log(rig(), seconds=2.0, levels=SHORT), 0.8),
+    "partial": lambda: oscillating(
+        drive_log(rig(effects={"coulomb_friction": {"torque_nm": 0.0003}}), seconds=3.0), 3.0
+    ),
 }
 CARDS = {
     "none": ("nowhere", "no effect is missing", "no further run"),
     "effect": ("motor mechanical", "coulomb friction", "no further run"),
     "ambiguous": ("motor mechanical", " or ", "record: "),
     "unlisted": ("unexplained", "none of the catalogue", "record: "),
+    "partial": ("motor mechanical", "coulomb friction", "WHAT NEXT"),
 }
 SECTIONS = {
     "none": (
@@ -65,6 +69,12 @@ SECTIONS = {
         "What is left follows time at",
         "a smooth correction over it would take",
         "What next: record the run",
+    ),
+    "partial": (
+        "Part of the gap is coulomb friction; a remainder stays that is not explained",
+        "What is left follows time at",
+        "Why a signal closes more or less than all together",
+        "clip in sigma",
     ),
 }
 
@@ -113,6 +123,59 @@ def test_the_cards_hold_the_verdicts_figures(found: dict[str, Verdict]) -> None:
             f"{rival.id.replace('_', ' ')} {100 * probability[rival.id]:.0f} %"
             in cards(tied)[1].support
         )
+
+
+def test_the_sentence_of_each_verdict_names_what_it_names(found: dict[str, Verdict]) -> None:
+    sentence = {kind: verdict_sentence(verdict) for kind, verdict in found.items()}
+    assert sentence["partial"].startswith("Part of the gap is coulomb friction; a remainder stays")
+    assert sentence["effect"].startswith("The missing effect is coulomb friction: ")
+    assert sentence["none"].startswith("No gap beyond the noise")
+    assert sentence["unlisted"].startswith("A real gap that no effect of the catalogue closes")
+    assert sentence["ambiguous"].startswith("Most likely ")
+    for kind, verdict in found.items():
+        assert f"{verdict.gap.before:.2f} before" in sentence[kind]
+        assert summary_lines(verdict)[0] == sentence[kind]
+
+
+def test_the_evidence_of_a_named_effect_is_in_the_json(found: dict[str, Verdict]) -> None:
+    """Of the other effects there is none."""
+    for kind, verdict in found.items():
+        stated = {e["id"]: e for e in verdict.as_dict()["effects"]}
+        assert {i for i, e in stated.items() if "evidence" in e} == set(verdict.selected), kind
+    partial = found["partial"].as_dict()
+    (effect,) = (e for e in partial["effects"] if e["id"] == "coulomb_friction")
+    assert set(effect["evidence"]) == {"comparison", "before", "after", "floor"}
+    assert effect["evidence"]["comparison"] == "forward simulation"
+    assert effect["evidence"]["after"] < effect["evidence"]["before"]
+    assert effect["probability"] <= 0.85 and partial["unexplained"]["significant"]
+
+
+def signal(before: float, after: float, closed: float | None) -> SignalGap:
+    return SignalGap("A", before, before, after, 1.0, None, None, 10.0, closed, 9.0, 0.1, 0.1)
+
+
+def gap_of(closed: float | None, **signals: SignalGap) -> Gap:
+    whole = {f.name: None for f in fields(Gap)}
+    return Gap(**whole | {"closed": closed, "by_signal": signals})
+
+
+def test_a_signal_that_closes_another_share_than_the_pooled_gap_is_explained() -> None:
+    """From a difference of a tenth on."""
+    current, speed, supply = signal(3.0, 2.9, 0.05), signal(4.0, 1.7, 0.76), signal(1.0, 1.0, None)
+    gap = gap_of(0.7, current_a=current, speed_rpm=speed, supply_v=supply)
+    (line,) = differing_signals(gap)
+    assert line.startswith("current_a: closes 5 % of its own error, the pooled gap 70 %: ")
+    weights = [signal_weight(gap, name) for name in gap.by_signal]
+    assert weights == pytest.approx([9.0 / 26.0, 16.0 / 26.0, 1.0 / 26.0])
+    assert f"{100 * weights[0]:.0f} %" in line
+    (note,) = closed_notes(gap)
+    assert note.title == "Why a signal closes more or less than all together"
+
+
+@pytest.mark.parametrize("pooled", [None, 0.05, 0.149])
+def test_signals_that_close_as_much_as_the_pooled_gap_need_no_note(pooled: float | None) -> None:
+    gap = gap_of(pooled, current_a=signal(3.0, 2.9, 0.05))
+    assert differing_signals(gap) == [] and closed_notes(gap) == []
 
 
 def test_figures_are_plotly_objects_by_title(found: dict[str, Verdict]) -> None:

@@ -85,7 +85,7 @@ def test_a_member_that_imitates_the_true_one_is_exchanged() -> None:
 def test_an_effect_in_equations_that_the_others_do_not_reach_acts_elsewhere(
     others: tuple[str, ...], member: str, elsewhere: bool
 ) -> None:
-    scored = SimpleNamespace(score=lambda one: one.left, noise_power=lambda: 1.0)
+    scored = SimpleNamespace(score=lambda one: one.left)
     leaner = SimpleNamespace(ids=others, left=3.0)
     for left, larger_part in ((1.9, True), (2.1, False)):
         best = SimpleNamespace(ids=(*others, member), left=left)
@@ -119,10 +119,9 @@ def test_a_small_effect_in_other_equations_is_kept(
 
     state = SimpleNamespace(
         score=lambda one: one.left,
-        noise_power=lambda: 1.0,
         retuned=fit_of(),
         min_gain=lambda one: 0.1,
-        loss_by_signal=lambda one, clip: np.array([one.left]),
+        loss_by_signal=lambda one: np.array([one.left]),
     )
     monkeypatch.setattr(
         backward, "fit_without", lambda _, best, i: fit_of(*(j for j in best.ids if j != i))
@@ -165,6 +164,8 @@ class Stepped:
     gains more than `share` and the step to its size is significant.
     """
 
+    gap_problem = None
+
     def __init__(self, gaps: list[float], significant: dict[int, bool]) -> None:
         self.sets = [
             SimpleNamespace(ids=tuple("abcde"[:size]), gap=gap) for size, gap in enumerate(gaps)
@@ -191,9 +192,6 @@ class Stepped:
 
     def min_gain(self, leaner: SimpleNamespace) -> float:
         return search_state.COMPARISON.min_gain
-
-    def noise_power(self) -> float:
-        return 1.0
 
     def closes_visible_gap(self, one: SimpleNamespace) -> bool:
         return True
@@ -235,6 +233,35 @@ def test_two_further_effects_are_tried_while_a_gap_is_left(
         forward, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None)
     )
     assert len(forward.forward(state)[1].ids) == found
+
+
+@pytest.mark.parametrize(
+    ("left", "enough"),
+    [
+        # of 10 per signal that retuning leaves above a floor of 0.3
+        ([0.3, 0.3, 0.3], False),
+        ([1.2, 1.2, 1.2], False),
+        ([1.4, 0.3, 0.3], True),  # in one signal alone
+        ([1.3, 1.3, 1.3], True),
+    ],
+)
+def test_a_set_of_the_torque_balance_is_extended_while_a_member_can_be_established(
+    left: list[float], enough: bool
+) -> None:
+    """An established member gains a tenth of what retuning leaves; a forward simulation is extended
+    down to the noise.
+    """
+    losses = {"base": np.array(left), "retuned": np.full(3, 10.3)}
+    state = SimpleNamespace(
+        gap_problem="the forward simulation",
+        loss_by_signal=lambda one: losses[one],
+        floor_by_signal=np.full(3, 0.3),
+        sample_shares=np.full(3, 1.0 / 3.0),
+        retuned="retuned",
+    )
+    assert forward.leaves_enough(state, "base") is enough
+    state.gap_problem = None
+    assert forward.leaves_enough(state, "base")
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_a_missing_rig_and_two_outputs_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("case", "low", "high"), [("002", 0.9, 1.06), ("012", 0.9, 1.08), ("001", 2.0, 3.8)]
+    ("case", "low", "high"), [("002", 0.9, 1.06), ("012", 0.9, 1.08), ("001", 4.0, 4.5)]
 )
 def test_practice_logs_without_an_effect_end_at_the_noise(
     case: str, low: float, high: float, tmp_path: Path

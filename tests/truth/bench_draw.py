@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from bench_measured import UnsuitableDisturbance, draw_disturbances
 from bench_plan import SEED, SETS, SIZES, Entry, partners
 from cases import NOISELESS, Setting, effect_params, simulate
+from disturbances import Disturbance
 from effects import BY_ID, accepted
 from forms import Level, other_form
 from profiles import BENCH_NAMES, draw
@@ -29,7 +31,7 @@ from responses import (
 from rigs import TOLERANCE, Rig, draw_rig, draw_tool
 from signals import Sensors
 
-ATTEMPTS = 60
+ATTEMPTS = 120
 MAX_ROWS = 24000
 # Share of the squared gap that the catalogue's form of an effect must explain, so that an effect in
 # another form remains that effect
@@ -37,6 +39,10 @@ MIN_EXPLAINED = 0.75
 # Share of the squared gap of a case outside the catalogue that any single effect may explain
 MAX_EXPLAINED_OUTSIDE = 0.6
 RATES = (300.0, 500.0, 1000.0, 1000.0, 1000.0, 2000.0, 4000.0)  # Hz, drawn
+SECONDS = (3.0, 20.0)  # log-uniform
+# The regime `measured`: at most MAX_ROWS / 2, so that its runs take little time
+MEASURED_RATES = RATES[:-1]
+MEASURED_SECONDS = (5.0, 10.0)
 LOGGERS = (
     ("ideal",) * 10
     + ("irregular",) * 3
@@ -64,6 +70,8 @@ class Case:
     multiples: dict[str, float]
     params: dict[str, float]
     attempt: int = 0
+    disturbed_by: tuple[float, ...] = ()  # RMS gap of each disturbance of the setting alone
+    share: float = 0.0  # of the disturbances in the squared gap
 
 
 class UnsuitableDraw(Exception):
@@ -76,7 +84,7 @@ def draw_case(entry: Entry) -> Case:
     for attempt in range(ATTEMPTS):
         try:
             return replace(attempt_case(entry, random_of_attempt(entry, attempt)), attempt=attempt)
-        except (UnsuitableDraw, ArithmeticError) as reason:
+        except (UnsuitableDraw, UnsuitableDisturbance, ArithmeticError) as reason:
             reasons.append(str(reason))
     raise RuntimeError(f"{entry}: no case in {ATTEMPTS} draws: {reasons[-3:]}")
 
@@ -87,15 +95,20 @@ def random_of_attempt(entry: Entry, attempt: int) -> np.random.Generator:
 
 
 def case_again(
-    entry: Entry, attempt: int, sizes: dict[str, float], multiples: dict[str, float]
+    entry: Entry,
+    attempt: int,
+    sizes: dict[str, float],
+    multiples: dict[str, float],
+    disturbances: Sequence[Disturbance] = (),
 ) -> Case:
-    """A case with known sizes, without the search for them."""
+    """A case with known sizes and disturbances, without the search for them."""
     rng = random_of_attempt(entry, attempt)
     ids = partners(entry, rng)
     setting = draw_setting(entry, ids, rng)
     level, params = level_of(setting), {}
     for effect_id in ids:
         params |= formed(setting, level, effect_id, sizes[effect_id], entry.regime)
+    setting = replace(setting, disturbances=tuple(disturbances))
     return Case(entry, setting, tuple(ids), sizes, multiples, params, attempt)
 
 
@@ -113,7 +126,12 @@ def attempt_case(entry: Entry, rng: np.random.Generator) -> Case:
         )
         params |= formed(setting, level, effect_id, sizes[effect_id], entry.regime)
     assess(setting, entry.kind, ids, sizes, params)
-    return Case(entry, setting, tuple(ids), sizes, multiples, params)
+    case = Case(entry, setting, tuple(ids), sizes, multiples, params)
+    if entry.regime != "measured":
+        return case
+    drawn = draw_disturbances(setting, params, rng)
+    disturbed = replace(setting, disturbances=drawn.disturbances)
+    return replace(case, setting=disturbed, disturbed_by=drawn.multiples, share=drawn.share)
 
 
 def usable(effect_id: str, setting: Setting) -> bool:
@@ -134,10 +152,13 @@ def draw_setting(entry: Entry, ids: list[str], rng: np.random.Generator) -> Sett
         raise UnsuitableDraw("no profile for all of them")
     name = str(rng.choice(names))
     kind = str(rng.choice(["duty", "voltage_v", "current_a"], p=[0.8, 0.13, 0.07]))
-    rate = float(rng.choice(RATES))
-    seconds = round(min(float(np.exp(rng.uniform(np.log(3.0), np.log(20.0)))), MAX_ROWS / rate), 2)
+    practical = entry.regime == "measured"
+    rate = float(rng.choice(MEASURED_RATES if practical else RATES))
+    ends = np.log(MEASURED_SECONDS if practical else SECONDS)
+    rows = MAX_ROWS / 2 if practical else MAX_ROWS
+    seconds = round(min(float(np.exp(rng.uniform(*ends))), rows / rate), 2)
     rig = draw_input(name, kind, draw_sensors(rate, kind, rng), rng)
-    rig = replace(rig, tolerance=TOLERANCE) if entry.regime == "hard" else rig
+    rig = replace(rig, tolerance=TOLERANCE) if entry.regime != "exact" else rig
     rig = replace(rig, supply_resistance_ohm=0.0) if kind != "duty" else rig
     load_nm = (
         float(rng.uniform(3.0, 9.0))
@@ -212,9 +233,11 @@ def level_of(setting: Setting) -> Level:
 def formed(
     setting: Setting, level: Level, effect_id: str, size: float, regime: str
 ) -> dict[str, float]:
-    """Parameters of an effect; in the regime `hard` in another form than the catalogue's."""
+    """Parameters of an effect; in another form than the catalogue's in the regime `hard`, and in
+    half of the cases of `measured`.
+    """
     made = effect_params(setting, effect_id, size)
-    if regime != "hard":
+    if regime != "hard" and not (regime == "measured" and setting.seed % 2):
         return made
     return other_form(
         effect_id,
@@ -336,7 +359,7 @@ def assess(
     a single effect of the catalogue explains a case outside it, or where one of several effects is
     not visible beside the others.
     """
-    if kind == "none" or "hall_dropout" in ids:  # missed edges are random: no linear response
+    if not ids or "hall_dropout" in ids:  # missed edges are random: no linear response
         return
     linear = LinearFits(setting, params)
     retuned = linear.rms([])
@@ -363,7 +386,7 @@ def ties_of(case: Case) -> list[list[str]]:
     In each set a rival replaces one or several of the true effects, and the residual is as small,
     or the difference is within the uncertainty by blocks and noise.
     """
-    if case.entry.kind in ("none", "unlisted") or "hall_dropout" in case.ids:
+    if case.entry.kind in ("none", "unlisted", "disturbances") or "hall_dropout" in case.ids:
         return []
     linear = LinearFits(case.setting, case.params)
     own = linear.truth(case.ids, case.sizes)

@@ -9,9 +9,13 @@ from effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
 SEED = 20261121
 SETS = ("tune", "report")
 PER_EFFECT, NONES, PAIRS, TRIPLES, OUTSIDE = 20, 300, 150, 40, 100
+# Cases of the regime `measured` in a half: singles, pairs, disturbances alone
+MEASURED = {"single": 100, "pair": 50, "disturbances": 50}
+REGIMES = ("exact", "hard", "measured")
 SIZES = {
     "exact": (3.0, 10.0),
     "hard": (1.5, 10.0),
+    "measured": (1.5, 10.0),
 }  # times the visible limit, with the tolerated keys fitted
 # Pairs that are too similar for one case
 TOO_SIMILAR = (
@@ -23,7 +27,8 @@ TOO_SIMILAR = (
 @dataclass(frozen=True)
 class Entry:
     """A case to draw. Regime `exact`: exact rig, the catalogue's forms, 3 to 10 visible limits;
-    `hard`: rig off by its tolerances, other forms, 1.5 to 10 visible limits.
+    `hard`: rig off by its tolerances, other forms, 1.5 to 10 visible limits; `measured`: as `hard`,
+    half of the cases in the catalogue's forms, with disturbances of zero mean.
     """
 
     set: str
@@ -39,7 +44,32 @@ class Entry:
 
 
 def plan(half: str) -> list[Entry]:
-    """The cases of a half in a random order, so that the first n are a sample of the whole."""
+    """The cases of a half: those of the regimes `exact` and `hard` in a random order, so that the
+    first n are a sample of them, and after them those of `measured` in another random order.
+    """
+    simulated = simulated_plan(half)
+    return simulated + measured_plan(half, len(simulated))
+
+
+def measured_plan(half: str, first: int) -> list[Entry]:
+    """The cases of the regime `measured` with numbers from `first` on. Both halves together have
+    nearly equally many cases of each effect.
+    """
+    kinds = []
+    for kind, count in MEASURED.items():
+        begin = SETS.index(half) * count
+        kinds += [
+            (kind, "" if kind == "disturbances" else CATALOGUE[n % len(CATALOGUE)].id)
+            for n in range(begin, begin + count)
+        ]
+    order = np.random.default_rng([SEED, SETS.index(half), 3]).permutation(len(kinds))
+    return [
+        Entry(half, first + n, kinds[k][0], "measured", kinds[k][1]) for n, k in enumerate(order)
+    ]
+
+
+def simulated_plan(half: str) -> list[Entry]:
+    """The cases of the regimes `exact` and `hard`."""
     kinds: list[tuple[str, str, str]] = []
     for effect in CATALOGUE:
         kinds += [("single", ("exact", "hard")[n % 2], effect.id) for n in range(PER_EFFECT // 2)]
@@ -73,7 +103,7 @@ def alike(one: str, other: str) -> bool:
 
 def partners(entry: Entry, rng: np.random.Generator) -> list[str]:
     """Ids of a case: the planned one, and for pairs and triples drawn ones that differ from it."""
-    if entry.kind == "none":
+    if entry.kind in ("none", "disturbances"):
         return []
     ids = [entry.first]
     while len(ids) < {"pair": 2, "triple": 3}.get(entry.kind, 1):

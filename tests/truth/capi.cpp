@@ -80,6 +80,11 @@ struct TruthCommand {
     int load_count;
     const double *bus_time_s, *bus_v;
     int bus_count;
+    const double *extra_time_s, *extra_supply_v, *extra_coulomb_nm;
+    int extra_count;
+    const double *rough_nm;
+    int rough_count;
+    double rough_step_rad;
 };
 
 Tool *truth_new(void) {
@@ -119,6 +124,9 @@ int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const dou
         coast(command->time_s, command->coast, command->count);
     Curve load(command->load_time_s, command->load_nm, command->load_count);
     Curve bus(command->bus_time_s, command->bus_v, command->bus_count);
+    Curve extra_supply(command->extra_time_s, command->extra_supply_v, command->extra_count),
+        extra_coulomb(command->extra_time_s, command->extra_coulomb_nm, command->extra_count);
+    tool->roughness = {command->rough_nm, command->rough_count, command->rough_step_rad};
     Jitter jitter(tool->params);
     auto *row_out = reinterpret_cast<RowOut *>(out);
     int row = 0;
@@ -134,6 +142,8 @@ int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const dou
         drive.coast = coast.held(commanded) > 0.5;
         drive.load_nm = load.at(start + 0.5 * period);
         drive.bus_v = command->bus_count > 0 ? bus.held(start + 0.5 * period) : 0.0;
+        drive.extra_supply_v = extra_supply.at(start);
+        drive.extra_coulomb_nm = extra_coulomb.at(start);
         tool->state.time_s = start;
         tool->begin_period(period, drive);
         while (row < rows && tool->advance(row_s[row])) {
@@ -144,6 +154,7 @@ int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const dou
             tool->advance(1e300);
         }
     }
+    tool->roughness = {};  // the table belongs to the caller
     return std::isfinite(tool->state.angle_rad) ? static_cast<int>(tool->edges.size()) : -1;
 }
 

@@ -5,6 +5,13 @@ effect.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from disturbances import (
+    Disturbance,
+    disturbed_command,
+    disturbed_run,
+    disturbed_stamps,
+    disturbed_tool,
+)
 from effects import BY_ID, split
 from profiles import Profile, command, held, sampled
 from rigs import Rig, generator_params
@@ -20,7 +27,8 @@ VISIBLE_WITHIN, VISIBLE_ATTEMPTS = 0.03, 14  # of the search for the visible lim
 @dataclass(frozen=True)
 class Setting:
     """Everything of a case but its effects; `tool` is `rig` off by its tolerances, `logger` the
-    kind of the rows: ideal, irregular, missing, mixed, jitter or lost.
+    kind of the rows: ideal, irregular, missing, mixed, jitter or lost; `disturbances` act beside
+    the effects.
     """
 
     rig: Rig
@@ -29,6 +37,7 @@ class Setting:
     seconds: float
     seed: int
     logger: str = "ideal"
+    disturbances: tuple[Disturbance, ...] = ()
 
 
 def row_times(setting: Setting) -> np.ndarray:
@@ -65,7 +74,15 @@ def simulate(
     sensors = replace(
         setting.rig.sensors, **{k: v for k, v in logger.items() if k.startswith("speed")}
     )
-    return tool.run(made, true_time), made, stamps, sensors
+    tool.set(**disturbed_tool(setting.disturbances, setting.tool.ratio))
+    driven = disturbed_command(setting.disturbances, made, setting.profile, setting.seconds)
+    run = tool.run(driven, true_time)
+    return (
+        disturbed_run(setting.disturbances, run, made, sensors),
+        made,
+        disturbed_stamps(setting.disturbances, stamps),
+        sensors,
+    )
 
 
 def columns(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]:

@@ -6,12 +6,14 @@ import argparse
 import hashlib
 import json
 import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 from bench_draw import Case, accepts, case_again, draw_case, ties_of
-from bench_plan import SEED, SETS, Entry, plan
+from bench_plan import REGIMES, SEED, SETS, Entry, plan
 from cases import Setting, columns
+from disturbances import Disturbance
 from effects import split
 from responses import channels, hall_angle
 from rigs import toml
@@ -19,6 +21,8 @@ from sealed import mask
 from signals import Sensors
 
 SEALED = "answers.sealed"
+UNNAMED = ("none", "unlisted", "disturbances")  # kinds without true names
+DISTURBED = ("disturbances", "disturbed_share")  # keys of an answer of the regime `measured`
 LOST_SHARE = 0.01  # of the rows that a logger of the kind "lost" omits
 FORMATS = {
     "time_s": "{:.6f}",
@@ -81,7 +85,7 @@ def write_case(case: Case, folder: Path) -> None:
 def answer_of(case: Case) -> dict[str, object]:
     """The sealed answer of a case."""
     setting, rig, s = case.setting, case.setting.rig, case.setting.rig.sensors
-    label = case.entry.kind if case.entry.kind in ("none", "unlisted") else "effect"
+    label = case.entry.kind if case.entry.kind in UNNAMED else "effect"
     return {
         "label": label,
         "kind": case.entry.kind,
@@ -93,6 +97,7 @@ def answer_of(case: Case) -> dict[str, object]:
         "sizes": case.sizes,
         "times_visible": case.multiples,
         "truth": case.params,
+        **disturbances_of(case),
         "tool": {key: getattr(setting.tool, key.split(".")[1]) for key in rig.tolerance},
         "input": rig.input,
         "bus": rig.bus if rig.input == "duty" else "none",
@@ -108,6 +113,19 @@ def answer_of(case: Case) -> dict[str, object]:
     }
 
 
+def disturbances_of(case: Case) -> dict[str, object]:
+    """The disturbances of a case of the regime `measured`: id, size, seed, RMS gap alone; and the
+    share of all in the squared gap.
+    """
+    if case.entry.regime != "measured":
+        return {}
+    rows = [
+        {**asdict(d), "times_visible": gap}
+        for d, gap in zip(case.setting.disturbances, case.disturbed_by, strict=True)
+    ]
+    return {"disturbances": rows, "disturbed_share": case.share}
+
+
 def sensor_kind(s: Sensors) -> str:
     """The sensor of the speed: hall, encoder, tachometer or angle."""
     if s.hall_pulses_per_rev:
@@ -118,7 +136,8 @@ def sensor_kind(s: Sensors) -> str:
 def seal(answer: dict[str, object], name: str) -> str:
     """A line of the sealed file: name, commitment, masked answer."""
     text = json.dumps(answer, sort_keys=True).encode()
-    text += b" " * (1024 - len(text) % 1024)  # so that the length does not reveal the answer
+    block = 4096 if answer.get("regime") == "measured" else 1024
+    text += b" " * (block - len(text) % block)  # so that the length does not reveal the answer
     commitment = hashlib.sha256(text).hexdigest()
     return f"{name} {commitment} {mask(text, key_of(name)).hex()}\n"
 
@@ -162,7 +181,11 @@ def make(folder: Path, entries: list[Entry]) -> None:
 
 def answered_case(entry: Entry, answer: dict[str, object]) -> Case:
     """The case of a sealed answer."""
-    return case_again(entry, answer["attempt"], answer["sizes"], answer["times_visible"])
+    rows = answer.get("disturbances", [])
+    made = [Disturbance(d["id"], d["size"], d["seed"]) for d in rows]
+    case = case_again(entry, answer["attempt"], answer["sizes"], answer["times_visible"], made)
+    gaps = tuple(d["times_visible"] for d in rows)
+    return replace(case, disturbed_by=gaps, share=answer.get("disturbed_share", 0.0))
 
 
 def append_sealed(path: Path, answer: dict[str, object], name: str) -> None:
@@ -184,6 +207,7 @@ def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
                 "half": entry.set,
                 **{key: answer[key] for key in ("number", "attempt", "ids", "sizes", "ties")},
                 "multiples": answer["times_visible"],
+                **{key: answer[key] for key in DISTURBED if key in answer},
             }
         )
     return rows
@@ -191,9 +215,8 @@ def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
 
 def frozen_case(row: dict[str, object]) -> Case:
     """The case of a row of `freeze`; ValueError where the generator draws other effects."""
-    case = case_again(
-        plan(row["half"])[row["number"]], row["attempt"], row["sizes"], row["multiples"]
-    )
+    entry = plan(row["half"])[row["number"]]
+    case = answered_case(entry, {**row, "times_visible": row["multiples"]})
     if list(case.ids) != row["ids"]:
         raise ValueError(
             f"case {row['number']} of {row['half']} has {case.ids}, not {row['ids']}: "
@@ -224,6 +247,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--set", dest="half", choices=SETS, default="tune")
     parser.add_argument("--numbers", default="all", help="numbers with commas")
     parser.add_argument(
+        "--regime", default="all", help="regimes with commas: exact, hard, measured"
+    )
+    parser.add_argument(
         "--ties",
         action="store_true",
         help="open: with the effects that cannot be distinguished from the truth",
@@ -235,11 +261,13 @@ def main(arguments: list[str]) -> int:
     )
     args = parser.parse_args(arguments)
     entries = plan(args.half)
-    entries = (
-        entries
-        if args.numbers == "all"
-        else [entries[int(n)] for n in args.numbers.split(",") if n]
-    )
+    if args.numbers != "all":
+        entries = [entries[int(n)] for n in args.numbers.split(",") if n]
+    if args.regime != "all":
+        wanted = args.regime.split(",")
+        if unknown := sorted(set(wanted) - set(REGIMES)):
+            parser.error(f"no regime {unknown[0]}")
+        entries = [entry for entry in entries if entry.regime in wanted]
     args.folder.mkdir(parents=True, exist_ok=True)
     if args.what == "make":
         make(args.folder, entries)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from cases import Setting, columns, effect_params, visible_limit
+from disturbances import IDS, Disturbance
 from effects import BY_ID, CATALOGUE, FIRST, OUTSIDE_IDS, accepted
 from profiles import NAMES, draw
 from rigs import TOLERANCE, draw_rig, draw_tool, toml
@@ -41,7 +42,7 @@ ATTEMPTS = 20
 @dataclass(frozen=True)
 class CaseOptions:
     """Options of a set of cases; `tolerance` and `steps` are the shares of cases with a rig off by
-    its tolerances and with a command without a slew rate.
+    its tolerances and with a command without a slew rate; `disturbances` are (id, size).
     """
 
     kinds: tuple[str, ...]
@@ -53,6 +54,7 @@ class CaseOptions:
     tolerance: float
     logger: str
     steps: float
+    disturbances: tuple[tuple[str, float], ...] = ()
 
 
 def draw_setting(options: CaseOptions, rng: np.random.Generator, need: str) -> Setting:
@@ -162,6 +164,7 @@ def write_case(folder: Path, kind: str, index: int, options: CaseOptions, seed: 
     params: dict[str, float] = {}
     for effect_id, size in sizes.items():
         params |= effect_params(setting, effect_id, size)
+    setting = disturbed(setting, options)
     folder.mkdir(parents=True, exist_ok=True)
     table = columns(setting, params)
     del table["angle_rad"]
@@ -171,6 +174,12 @@ def write_case(folder: Path, kind: str, index: int, options: CaseOptions, seed: 
     (folder / "label.json").write_text(json.dumps(label, indent=1) + "\n")
     sizes_text = ", ".join(f"{i} {size:.4g} (x{multiples[i]:.2f})" for i, size in sizes.items())
     return f"{folder.name} {kind} {setting.rig.name} {setting.profile.name} {sizes_text}"
+
+
+def disturbed(setting: Setting, options: CaseOptions) -> Setting:
+    """The setting with the disturbances of the options; their random numbers are of its seed."""
+    made = (Disturbance(name, size, setting.seed) for name, size in options.disturbances)
+    return replace(setting, disturbances=tuple(made))
 
 
 def label_of(
@@ -194,6 +203,8 @@ def label_of(
         "profile": setting.profile.name,
         "seed": setting.seed,
     }
+    if setting.disturbances:
+        found["disturbances"] = {d.id: d.size for d in setting.disturbances}
     if label == "unlisted":
         found["what"] = next(iter(sizes))
     if setting.rig.tolerance:
@@ -234,6 +245,9 @@ def parser_of_options() -> argparse.ArgumentParser:
     parser.add_argument(
         "--logger", default="ideal", choices=("ideal", "irregular", "missing", "jitter", "mixed")
     )
+    parser.add_argument(
+        "--disturbances", default="", help="ID:SIZE with commas, of disturbances.py"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     return parser
 
@@ -257,15 +271,23 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, CaseOptions]:
         args.tolerance,
         args.logger,
         args.steps,
+        sized(args.disturbances),
     )
+
+
+def sized(text: str) -> tuple[tuple[str, float], ...]:
+    """(id, size) of each disturbance of the option --disturbances."""
+    pairs = (part.split(":") for part in text.split(",") if part)
+    return tuple((name, float(size)) for name, size in pairs)
 
 
 def main(arguments: list[str]) -> int:
     args, options = parse(arguments)
-    for name in options.ids:
-        if name not in BY_ID:
-            sys.stderr.write(f"{name} is no effect of the generator\n")
-            return 2
+    unknown = [name for name in options.ids if name not in BY_ID]
+    unknown += [name for name, _ in options.disturbances if name not in IDS]
+    if unknown:
+        sys.stderr.write(f"{unknown[0]} is no effect or disturbance of the generator\n")
+        return 2
     kinds = [options.kinds[n % len(options.kinds)] for n in range(args.count)]
     serial = {kind: 0 for kind in kinds}
     plan = []

@@ -67,8 +67,10 @@ def noiseless_log(setting: Setting, params: dict[str, float]) -> NoiselessLog:
         given = replace(given, bus_time_s=bus_time_s, bus_v=logged.supply_v)
     if setting.rig.input == "current_a":
         given = current_command(given, stamps, logged.current_a)
-    samples = speed_samples(run, sensors, clock)
-    return NoiselessLog(setting, logged, given, *samples, 1.0 + sensors.speed_gain)
+    row, at_s, *samples = speed_samples(run, sensors, clock)
+    if any(d.id == "row_batches" for d in setting.disturbances):
+        at_s = at_s + (stamps - run.time_s * clock)[row]
+    return NoiselessLog(setting, logged, given, row, at_s, *samples, 1.0 + sensors.speed_gain)
 
 
 def current_command(command: Command, stamps: np.ndarray, current_a: np.ndarray) -> Command:

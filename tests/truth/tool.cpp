@@ -73,6 +73,14 @@ double RandomStream::normal() {
     return radius * std::cos(TURN * uniform());
 }
 
+double AngleTorque::at(double angle_rad) const {
+    const double turns = angle_rad / (step_rad * count);
+    const double place = (turns - std::floor(turns)) * count;
+    const int below = std::min(static_cast<int>(place), count - 1);
+    const double from = torque_nm[below], to = torque_nm[(below + 1) % count];
+    return from + (to - from) * (place - below);
+}
+
 void Tool::start() {
     const double squared = params.ratio * params.ratio;
     const double pendulum =
@@ -144,6 +152,9 @@ void Tool::slow_states(double period_s) {
         params.bridge_resistance_ohm + (state.gate ? params.u_brush_ohm : 0.0) + extra_resistance();
     open_circuit_v_ = params.voltage_v - params.droop_volt_per_coulomb * state.charge_c -
                       state.polarisation_v - state.polarisation2_v;
+    if (drive_.extra_supply_v != 0.0) {
+        open_circuit_v_ += drive_.extra_supply_v;
+    }
     source_ohm_ = params.supply_resistance_ohm + (state.gate ? params.u_contact_ohm : 0.0) +
                   params.u_supply_square_ohm_per_a * std::abs(bus_a);
     if (params.extra_source_ohm != 0.0) {
@@ -276,6 +287,9 @@ double Tool::dry_level(double speed) const {
     if (state.gate) {
         level += params.u_load_nm;
     }
+    if (drive_.extra_coulomb_nm != 0.0) {
+        level += drive_.extra_coulomb_nm;
+    }
     if (params.u_wander_nm != 0.0) {
         level += params.u_wander_nm * std::sin(TURN * state.time_s / params.u_wander_s);
     }
@@ -307,6 +321,9 @@ double Tool::smooth_torque() const {
         const double phase = angle / p.ratio + p.eccentricity_phase_rad;
         torque +=
             p.eccentricity_nm * (std::sin(phase) + p.eccentricity_second * std::sin(2.0 * phase));
+    }
+    if (roughness.count > 0) {
+        torque += roughness.at(angle);
     }
     if (p.u_torque_hum_nm != 0.0) {
         torque += p.u_torque_hum_nm * std::sin(TURN * p.u_torque_hz * state.time_s);

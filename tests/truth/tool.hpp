@@ -63,6 +63,16 @@ struct Drive {
     double dead_s = 0.0;  // largest shift of each edge of the switching leg, against the current
     double load_nm = 0.0;
     double bus_v = 0.0;  // above 0: the bus voltage, in place of the source
+    double extra_supply_v = 0.0, extra_coulomb_nm = 0.0;  // disturbances: added to those of params
+};
+
+// A torque against the motor that depends on its angle: values at equal steps of the angle, linear
+// between them, periodic.
+struct AngleTorque {
+    const double *torque_nm = nullptr;
+    int count = 0;
+    double step_rad = 1.0;
+    double at(double angle_rad) const;
 };
 
 class Tool {
@@ -73,6 +83,7 @@ public:
     std::vector<Edge> edges;
     RandomStream random{1};
     std::deque<Drive> commands;  // of the lock-step, those that have not reached the bridge
+    AngleTorque roughness;       // of the bearings
 
     void start();
     // Begins a PWM period of the given length at state.time_s.

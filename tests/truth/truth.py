@@ -39,6 +39,13 @@ class _Command(ctypes.Structure):
         ("bus_time_s", _DOUBLES),
         ("bus_v", _DOUBLES),
         ("bus_count", ctypes.c_int),
+        ("extra_time_s", _DOUBLES),
+        ("extra_supply_v", _DOUBLES),
+        ("extra_coulomb_nm", _DOUBLES),
+        ("extra_count", ctypes.c_int),
+        ("rough_nm", _DOUBLES),
+        ("rough_count", ctypes.c_int),
+        ("rough_step_rad", ctypes.c_double),
     ]
 
 
@@ -56,6 +63,9 @@ class Command:
     """Bridge command and load over time, linear between points; a step is two points at one time.
 
     `coast` and `bus_v` hold from each of their points on; a bus that is given replaces the source.
+    Disturbances, absent where empty: `extra_supply_v` and `extra_coulomb_nm` over `extra_time_s`
+    are added to the open-circuit voltage and to the Coulomb friction; `rough_nm` is a torque
+    against the motor at steps of `rough_step_rad` of its angle, periodic.
     """
 
     time_s: np.ndarray
@@ -65,6 +75,11 @@ class Command:
     load_nm: np.ndarray
     bus_time_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
     bus_v: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    extra_time_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    extra_supply_v: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    extra_coulomb_nm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    rough_nm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    rough_step_rad: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -141,12 +156,18 @@ def _pointer(array: np.ndarray) -> "ctypes._Pointer":
 
 def _message(command: Command) -> tuple[_Command, dict[str, np.ndarray]]:
     """The command as the library takes it, and the arrays that it points to."""
-    names = ("time_s", "duty", "coast", "load_time_s", "load_nm", "bus_time_s", "bus_v")
+    names = [name for name, kind in _Command._fields_ if kind is _DOUBLES]
     arrays = {n: np.ascontiguousarray(getattr(command, n), dtype=float) for n in names}
-    counts = {"count": "time_s", "load_count": "load_time_s", "bus_count": "bus_time_s"}
+    counts = {
+        "count": "time_s",
+        "load_count": "load_time_s",
+        "bus_count": "bus_time_s",
+        "extra_count": "extra_time_s",
+        "rough_count": "rough_nm",
+    }
     pointers = {name: _pointer(array) for name, array in arrays.items()}
     lengths = {name: len(arrays[of]) for name, of in counts.items()}
-    return _Command(**pointers, **lengths), arrays
+    return _Command(**pointers, **lengths, rough_step_rad=command.rough_step_rad), arrays
 
 
 class Generator:

@@ -20,6 +20,7 @@ from vgroove.gap.result import Verdict
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 from vgroove.gap.verdict.schema import (
+    ComparisonEvidence,
     CorrelateShare,
     EffectFinding,
     Gap,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from vgroove.rig import Rig
 
 __all__ = [
+    "ComparisonEvidence",
     "CorrelateShare",
     "DiagnosisOptions",
     "EffectFinding",
@@ -60,7 +62,8 @@ DEFAULT_OPTIONS = DiagnosisOptions()
 def diagnose(
     logs: Sequence[Any], rig: "Rig", options: DiagnosisOptions = DEFAULT_OPTIONS
 ) -> Verdict:
-    """Diagnose logs (paths or vgroove.log.Log objects) of one tool against its rig.
+    """Diagnose logs (paths or vgroove.log.Log objects) of one tool against its rig: none, effect,
+    partial, ambiguous or unlisted.
 
     VgrooveError for unusable logs, a rig that cannot be simulated, or an unknown excluded effect.
     """

@@ -11,7 +11,6 @@ import tomli_w
 from rich.console import Console
 
 from vgroove.gap import DiagnosisOptions, Verdict, diagnose
-from vgroove.log import read_log
 from vgroove.output import check_outputs, write_text
 from vgroove.rig import read_rig
 from vgroove.terminal import print_line, print_warning
@@ -32,9 +31,9 @@ def diagnose_files(
     """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr."""
     check_outputs((outputs.json, outputs.html, outputs.rig), (*logs, rig_path))
     notes = Console(stderr=True)
-    rig, tables = read_rig(rig_path), [read_log(path) for path in logs]
+    rig = read_rig(rig_path)
     with notes.status("reading the logs") as status:
-        verdict = diagnose(tables, rig, replace(options, progress=status.update))
+        verdict = diagnose(logs, rig, replace(options, progress=status.update))
         texts = output_texts(verdict, [path.name for path in logs], outputs)
     for warning in verdict.warnings:
         print_warning(notes, warning)

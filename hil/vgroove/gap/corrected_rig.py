@@ -13,8 +13,8 @@ from vgroove.rig import Rig
 
 
 def corrected_rig(verdict: Verdict) -> Rig:
-    """The rig with the retuned values, rounded as in the verdict's JSON, and the effects of the
-    reported fit.
+    """The rig with the retuned values, rounded as in the verdict's JSON, the effects of the
+    reported fit, and the clip of each signal's residuals.
 
     A parameter that is a key of another effect in a rig (stiffness and damping of the flanks of a
     play are keys of coupler_compliance) adds the table of that effect.
@@ -25,7 +25,8 @@ def corrected_rig(verdict: Verdict) -> Rig:
     )
     effects = {i: effect_table(problem, fit, i) for i in owners}
     values = as_json(verdict.retuned_parameters)
-    return problem.rig.with_values(values).with_effects(effects)
+    clip = {column: one.clip for column, one in verdict.gap.by_signal.items()}
+    return problem.rig.with_values(values).with_effects(effects).with_clip(as_json(clip))
 
 
 def corrected_parameters(verdict: Verdict) -> np.ndarray:

@@ -20,6 +20,7 @@ from vgroove.page import Card, Note, Page, Part, Picture, Table
 
 EFFECTS_SHOWN, CORRELATES_SHOWN = 12, 8  # rows of the page; the JSON has all
 MIN_SHARE_SHOWN = 0.05  # smallest share of a further subsystem that the card WHERE lists
+MAX_CLOSED_DIFFERENCE = 0.1  # of closed shares, above which the page explains it
 RUN_COMMAND = (
     "vgroove run --on PORT --next VERDICT.json -o next.csv"
     "    (PORT: the board's; VERDICT.json: from --json)"
@@ -145,12 +146,42 @@ def next_card(verdict: Verdict) -> Card:
 def gap_parts(gap: Gap) -> list[Part]:
     """Gap of each signal in units of its floor, and in its own unit with the ISO ratings."""
     header = ["signal", "unit", "before", "retuned", "after", "floor"]
-    header += ["ISO/TS 18571 before", "after"]
+    header += ["before, share of RMS", "after, share of RMS", "closed"]
+    header += ["ISO/TS 18571 before", "after", "clip in sigma"]
     rows = [
-        [n, s.unit, s.before, s.retuned, s.after, s.floor, s.iso18571_before, s.iso18571_after]
+        [n, s.unit, s.before, s.retuned, s.after, s.floor]
+        + [percent(s.before_share), percent(s.after_share), percent(s.closed)]
+        + [s.iso18571_before, s.iso18571_after, s.clip]
         for n, s in gap.by_signal.items()
     ]
-    return [gap_picture(gap), Table("signals", "The same in units", header, rows)]
+    table = Table("signals", "The same in units", header, rows)
+    return [gap_picture(gap), table, *closed_notes(gap)]
+
+
+def closed_notes(gap: Gap) -> list[Note]:
+    """The sentences of differing_signals() under a heading, where there are any."""
+    lines = differing_signals(gap)
+    return [Note("Why a signal closes more or less than all together", lines)] if lines else []
+
+
+def differing_signals(gap: Gap) -> list[str]:
+    """A sentence for each signal whose own closed share differs from that of the pooled gap."""
+    pooled = gap.closed
+    return [
+        f"{name}: closes {percent(s.closed)} of its own error, the pooled gap {percent(pooled)}: "
+        "the pooled gap adds all signals in sigmas of their sensors, each residual clipped, and "
+        f"this signal is {percent(signal_weight(gap, name))} of it."
+        for name, s in gap.by_signal.items()
+        if s.closed is not None
+        and pooled is not None
+        and abs(s.closed - pooled) > MAX_CLOSED_DIFFERENCE
+    ]
+
+
+def signal_weight(gap: Gap, name: str) -> float:
+    """Share of a signal in the sum of all signals' squared errors before, in sigmas."""
+    squares = {n: (s.before / s.floor) ** 2 for n, s in gap.by_signal.items() if s.floor > 0.0}
+    return squares.get(name, 0.0) / max(sum(squares.values()), 1e-12)
 
 
 def effects_table(verdict: Verdict) -> Table:

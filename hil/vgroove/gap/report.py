@@ -27,6 +27,8 @@ def verdict_sentence(verdict: Verdict) -> str:
     if verdict.verdict == "ambiguous":
         others = ", ".join(spaced_name(r.id) for r in verdict.indistinguishable)
         return f"Most likely {names}, but {others} would predict these logs as well: {figures}."
+    if verdict.verdict == "partial":
+        return f"Part of the gap is {names}; a remainder stays that is not explained: {figures}."
     return f"The missing effect is {names}: {figures}."
 
 

@@ -32,8 +32,8 @@ NOTEBOOK_HEIGHT_PX = 900  # of the frame that holds a page; the page scrolls in 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a verdict was computed from: the measured problem with aligned shaft angles, the search,
-    and the fit whose parameter values are reported.
+    """What a verdict was computed from: the problem of the forward simulation with aligned shaft
+    angles, the search, and the fit whose parameter values are reported.
     """
 
     problem: "Problem"
@@ -45,9 +45,9 @@ class Evidence:
 class Verdict:
     """The verdict of a diagnosis (docs/spec/gap.md, section 5).
 
-    verdict: none, effect, ambiguous or unlisted. selected: ids of the named effects, strongest
-    first. effects: all that were tried, likeliest first. retuned_parameters: rig keys that have a
-    tolerance, with their fitted values.
+    verdict: none, effect, partial, ambiguous or unlisted. selected: ids of the named effects,
+    strongest first. effects: all that were tried, likeliest first. retuned_parameters: rig keys
+    that have a tolerance, with their fitted values.
     """
 
     verdict: str
@@ -83,8 +83,8 @@ class Verdict:
         return summary_lines(self)
 
     def corrected_rig(self) -> "Rig":
-        """The rig with the fitted values of the keys that have a tolerance and with the selected
-        effects.
+        """The rig with the fitted values of the keys that have a tolerance, the selected effects,
+        and the clip of each column.
         """
         from vgroove.gap.corrected_rig import corrected_rig
 

@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from vgroove.errors import VgrooveError
+from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 from vgroove.log import Log, write_csv
@@ -24,8 +25,9 @@ def compute_gap(
 ) -> tuple[dict[str, Any], Problem]:
     """Gap of a rig to logs (docs/spec/gap.md, section 5) as JSON-ready figures, and the problem
     behind them. restart_s: interval in s at which the model restarts from measured states.
+    Residuals are clipped as the rig's table [clip] states, else as computed from this rig.
     """
-    problem = load_problem(logs, rig, restart_s=restart_s)
+    problem = load_problem(logs, rig, restart_s=restart_s, stated_clip=True)
     residual = problem.residuals(problem.theta0)[0]
     figures = {
         "schema": SCHEMA,
@@ -83,7 +85,7 @@ def gap_table(figures: dict[str, Any]) -> Table:
 
 def write_simulation(problem: Problem, path: str | Path) -> None:
     """Write the simulated rows of the one log of a problem as a log CSV, with the restarts of the
-    judged gap; VgrooveError for several logs.
+    judged gap, without those that a reduced log skips; VgrooveError for several logs.
     """
     if len(problem.runs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
@@ -100,4 +102,7 @@ def write_simulation(problem: Problem, path: str | Path) -> None:
         "position_rad": rows["angle_measured_rad"][0],
     }
     columns |= {name: values for name, values in simulated.items() if name not in columns}
-    write_csv(Log(np.asarray(run.log.time_s), columns, "the simulation"), path)
+    time_s = np.asarray(run.log.time_s)
+    kept = ~is_thinned(run.log.columns, len(time_s))
+    columns = {name: np.asarray(values)[kept] for name, values in columns.items()}
+    write_csv(Log(time_s[kept], columns, "the simulation"), path)

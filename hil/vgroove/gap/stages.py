@@ -8,17 +8,19 @@ from typing import Any
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, available
+from vgroove.gap.cleaning.time_range import TimeRange
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.next_run import experiment_design
-from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.loading import load_problem, read
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.result import Evidence, Verdict
+from vgroove.gap.selection.comparison import begin_in_sharper
 from vgroove.gap.selection.intervals import Estimate, best_estimate
 from vgroove.gap.selection.log_content import effect_scales, log_flags
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search import Selection, select
-from vgroove.gap.selection.search_state import Search, begin
+from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict import decision
 from vgroove.gap.verdict.covariates import Covariates, covariates_of
 from vgroove.gap.verdict.decision import Finding
@@ -54,6 +56,12 @@ class Located:
     remainder: Remainder
 
     @property
+    def simulated(self) -> Problem:
+        """The problem of the forward simulation, with aligned shaft angles."""
+        search = self.search
+        return self.problem if search.gap_problem is None else search.gap_problem
+
+    @property
     def search(self) -> Search:
         """The finished search."""
         return self.selection.search
@@ -69,22 +77,27 @@ class Decision:
 
 
 def load(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> Problem:
-    """Logs and rig as normalised residuals; VgrooveError for unusable logs or an unknown id."""
+    """Logs, within the range of the options, and rig as normalised residuals; VgrooveError for
+    unusable logs or an unknown id.
+    """
     for name in options.without:
         if name not in BY_ID:
             known = ", ".join(e.id for e in CATALOGUE)
             raise VgrooveError(
                 f"--without: {name} is not in the catalogue of this diagnosis ({known})"
             )
-    return load_problem(logs, rig)
+    time_range = TimeRange(options.from_s, options.to_s)
+    return load_problem([time_range.select(read(log)) for log in logs], rig)
 
 
 def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
-    """A search over the effects of the catalogue that the columns and motion of the logs allow."""
+    """A search over the effects of the catalogue that the columns and motion of the logs allow, in
+    the comparison that leaves the sharper values.
+    """
     rig = problem.rig
     engine = Engine(problem, effect_scales(problem), rig.tolerance, frozenset(rig.effects))
     effects = available(log_flags(problem), frozenset(options.without))
-    return begin(engine, effects, options)
+    return begin_in_sharper(engine, effects, options)
 
 
 def locate_remainder(selection: Selection) -> Located:
@@ -98,8 +111,8 @@ def locate_remainder(selection: Selection) -> Located:
 
 
 def decide(located: Located) -> Decision:
-    """The verdict (none, effect, ambiguous or unlisted) with the fit that is reported."""
-    finding = decision.decide(located.selection, located.remainder)
+    """The verdict (none, effect, partial, ambiguous or unlisted) with the fit that is reported."""
+    finding = decision.decide(located.selection, located.remainder, located.covariates)
     return Decision(located, finding, decision.reported_fit(located.search, finding))
 
 
@@ -122,20 +135,21 @@ def estimate(decided: Decision) -> Estimate:
 
 def propose(decided: Decision) -> NextExperiment | None:
     """The run to record next, where one log does not decide."""
-    located = decided.located
-    return experiment_design.propose(located.problem, located.search, decided.finding)
+    search = decided.located.search
+    return experiment_design.propose(search.simulated, search, decided.finding)
 
 
 def state_verdict(
     decided: Decision, where: Where, estimated: Estimate, next_run: NextExperiment | None
 ) -> Verdict:
     """The verdict of docs/spec/gap.md, section 5."""
-    search, problem, finding = decided.located.search, decided.located.problem, decided.finding
+    search, finding = decided.located.search, decided.finding
+    problem = decided.located.simulated
     rivals = indistinguishable(search, finding, log_flags(problem))
     return Verdict(
         verdict=finding.verdict,
         selected=selected(search, finding),
-        gap=gap_figures(search, decided.reported),
+        gap=gap_figures(search, decided.reported, estimated),
         where=where,
         effects=effect_findings(search, finding, estimated),
         indistinguishable=[r for r in rivals if r.id not in search.without],

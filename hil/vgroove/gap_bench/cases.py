@@ -46,9 +46,13 @@ class BlindSet:
             [*command, *chosen, *more], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
 
-    def names(self, numbers: Sequence[int] = ()) -> dict[int, str]:
-        """Name of each case by its number; without numbers of all cases."""
-        return {number: name for number, name in json.loads(finished(self.start("list", numbers)))}
+    def names(self, numbers: Sequence[int] = (), regimes: Sequence[str] = ()) -> dict[int, str]:
+        """Name of each case by its number; without numbers of all cases, or of those of these
+        regimes.
+        """
+        more = ["--regime", ",".join(regimes)] if regimes else []
+        listed = json.loads(finished(self.start("list", numbers, *more)))
+        return {number: name for number, name in listed}
 
     def make(self, numbers: Sequence[int], made: Callable[[int], None]) -> None:
         """Make the missing ones of these cases; `made` is called with each number that exists."""

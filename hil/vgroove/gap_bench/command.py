@@ -19,13 +19,17 @@ if TYPE_CHECKING:
 app = typer.Typer()  # its command is one of `vgroove gap`
 COST_KEYS = ("number", "name", "without", "verdict", "seconds", "cpu_seconds", "memory_mib")
 HALVES = ("tune", "report")
+REGIMES = ("exact", "hard", "measured")
+USUAL_REGIMES = REGIMES[:2]  # without --regime: the cases of simulated logs without disturbances
 
 
 @dataclass(frozen=True)
 class Request:
-    """The cases to run: a half, and of it the first `count`, a fifth, or these numbers; `removed`
-    runs all single cases a second time without their effect in the catalogue, `without` those of
-    these effects; `jobs` cases run at a time.
+    """The cases to run: a half, of it these regimes, and of these the first `count` or a fifth; or
+    these numbers, whatever their regime.
+
+    `removed` runs all single cases a second time without their effect in the catalogue, `without`
+    those of these effects; `jobs` cases run at a time.
     """
 
     half: str
@@ -35,6 +39,7 @@ class Request:
     removed: bool = False
     without: Sequence[str] = ()
     jobs: int = 1
+    regimes: Sequence[str] = USUAL_REGIMES
 
 
 @app.command("bench")
@@ -46,6 +51,13 @@ def bench_command(
             help="tune: the half for development; report: the half for the reported figures.",
         ),
     ] = "tune",
+    regime: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="exact, hard or measured (logs with disturbances); may be given again. "
+            "Without it exact and hard.",
+        ),
+    ] = None,
     count: Annotated[
         int | None,
         typer.Option(min=1, help="Only the first cases of the half; their order is random."),
@@ -82,7 +94,8 @@ def bench_command(
     from vgroove.output import check_outputs, write_json, write_text
 
     check_outputs((json_path, html_path), ())
-    request = Request(half, count, fifth, number or (), removed, without or (), jobs)
+    usual = regime or USUAL_REGIMES
+    request = Request(half, count, fifth, number or (), removed, without or (), jobs, usual)
     figures = run_bench(request, Console(stderr=True))
     for table in tables(figures):
         Console().print(table.as_rich())
@@ -103,8 +116,12 @@ def run_bench(request: Request, console: Console) -> dict[str, Any]:
 
     if request.half not in HALVES:
         raise VgrooveError(f"--set is {' or '.join(HALVES)}, not {request.half}")
+    unknown = sorted(set(request.regimes) - set(REGIMES))
+    if unknown:
+        raise VgrooveError(f"--regime is {', '.join(REGIMES)}, not {unknown[0]}")
     blind = BlindSet(find_checkout(), request.half)
-    numbers = chosen(sorted(blind.names()), request)
+    regimes = () if request.numbers else request.regimes
+    numbers = chosen(sorted(blind.names(regimes=regimes)), request)
     with step_bar(len(numbers), "cases", console, keep=True) as bar:
         found = run_cases(blind, [(n, None) for n in numbers], request.jobs, bar)
         answers = opened(blind, found)

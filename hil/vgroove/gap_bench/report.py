@@ -12,6 +12,7 @@ from vgroove.page import Card, Page, Picture, Table, style
 GOALS = {
     "exact": {"single": 0.98, "pair": 0.92},
     "hard": {"single": 0.93, "pair": 0.80, "triple": 0.60},
+    "measured": {},
 }
 # Quantiles of a cost: key of the JSON -> words.
 QUANTILES = {"median": "median", "tenth above": "90th percentile", "most": "maximum"}
@@ -28,6 +29,17 @@ FURTHER_SINGLES = {
 REGIMES = {
     "exact": "rig exact, 3 times visible and more",
     "hard": "rig off, other forms, from just visible on",
+    "measured": "as hard, with disturbances",
+}
+# Rates of the regime `measured`: key of the JSON -> words
+MEASURED = {
+    "single": "single, named first",
+    "single_alone": "single, exactly right",
+    "pair_both_named": "pair, both named",
+    "pair": "pair, exactly right",
+    "sure_and_wrong": "named with 90 % and wrong",
+    "disturbances": "disturbances alone, `none` or `unlisted`",
+    "disturbances_named": "disturbances alone, an effect named",
 }
 
 
@@ -41,10 +53,13 @@ def share(one: dict[str, Any]) -> str:
 
 def tables(figures: dict[str, Any]) -> list[Table]:
     """All tables in their order on the page."""
+    regimes = figures.get("calibration_by_regime", {})
     out = [
         rate_table(figures),
+        *([measured_table(figures)] if "measured" in figures["rates"] else []),
         further_table(figures),
         calibration_table(figures),
+        *([regime_calibration_table(regimes)] if len(regimes) > 1 else []),
         power_table(figures),
         confusion_table(figures),
     ]
@@ -55,9 +70,10 @@ def rate_table(figures: dict[str, Any]) -> Table:
     """Right verdicts by kind and regime, with the goals."""
     what = f"half '{figures['set']}', {figures['cases']} cases, engine {figures['engine']}"
     rows = []
+    regimes = regimes_of(figures["rates"])
     for kind in (*KINDS[:1], *FURTHER_SINGLES, *KINDS[1:]):
         cells = []
-        for regime in REGIMES:
+        for regime in regimes:
             goal = GOALS[regime].get(kind)
             cells.append(
                 share(figures["rates"][regime][kind])
@@ -65,8 +81,26 @@ def rate_table(figures: dict[str, Any]) -> Table:
             )
         rows.append([FURTHER_SINGLES.get(kind, kind), *cells])
     return Table(
-        "rates", f"Blind set, {what}: right, with 95 % intervals", ["", *REGIMES.values()], rows
+        "rates",
+        f"Blind set, {what}: right, with 95 % intervals",
+        ["", *(REGIMES[regime] for regime in regimes)],
+        rows,
     )
+
+
+def regimes_of(rates: dict[str, Any]) -> list[str]:
+    """The regimes that have cases."""
+    return [
+        regime for regime in REGIMES if any(one["of"] for one in rates.get(regime, {}).values())
+    ]
+
+
+def measured_table(figures: dict[str, Any]) -> Table:
+    """Rates of the cases with disturbances."""
+    rates = figures["rates"]["measured"]
+    rows = [[words, share(rates[key])] for key, words in MEASURED.items()]
+    title = f"Regime `measured`, half '{figures['set']}', with 95 % intervals"
+    return Table("measured", title, ["", "cases"], rows)
 
 
 def further_table(figures: dict[str, Any]) -> Table:
@@ -114,6 +148,19 @@ def calibration_table(figures: dict[str, Any]) -> Table:
     ]
     title = "Calibration: share of true names by the probability that the verdict gives"
     return Table("calibration", title, ["probability", "mean", "true"], rows)
+
+
+def regime_calibration_table(regimes: dict[str, list[dict[str, Any]]]) -> Table:
+    """Mean probability and share of true names in each bin, by regime."""
+    rows = [
+        [
+            f"{bins[0]['from']:.2f} .. {bins[0]['to']:.2f}",
+            *(f"{number(one['said'])}: {share(one)}" if one["of"] else "-" for one in bins),
+        ]
+        for bins in zip(*regimes.values(), strict=True)
+    ]
+    title = "Calibration by regime: mean probability, share of true names"
+    return Table("calibration_regimes", title, ["probability", *regimes], rows)
 
 
 def power_table(figures: dict[str, Any]) -> Table:
@@ -185,14 +232,11 @@ def cards(figures: dict[str, Any]) -> list[Card]:
     """The main rates with their goals."""
     rates, out = figures["rates"], []
     for kind in ("single", "pair"):
-        goal = GOALS["exact"][kind]
-        out.append(
-            Card(
-                f"{kind} effects, rig exact",
-                percent(rates["exact"][kind]),
-                f"goal {100 * goal:.0f} %",
-            )
-        )
+        goal = f"goal {100 * GOALS['exact'][kind]:.0f} %"
+        if rates["exact"][kind]["of"] or "measured" not in rates:
+            out.append(Card(f"{kind} effects, rig exact", percent(rates["exact"][kind]), goal))
+        if "measured" in rates:
+            out.append(Card(f"{kind} effects, disturbed", percent(rates["measured"][kind]), ""))
     out.append(Card("named with 90 % and wrong", percent(rates["sure_and_wrong"]), "at most 1 %"))
     out.append(Card("false alarms", percent(rates["false_alarms"]), "at most 1 %"))
     return out

@@ -10,6 +10,7 @@ from vgroove.gap_bench.needs import count_needs
 from vgroove.gap_bench.rates import rate
 from vgroove.gap_bench.scored import (
     LIMITS,
+    UNNAMED,
     Scored,
     WithoutEffect,
     leading_parameter,
@@ -19,6 +20,7 @@ from vgroove.gap_bench.scored import (
 CALIBRATION_EDGES = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0000001)
 POWER_EDGES = (1.5, 2.0, 3.0, 4.5, 6.5, 10.01)
 KINDS = ("single", "pair", "triple", "none", "unlisted")
+REGIMES = ("exact", "hard", "measured")
 
 
 def rates(cases: Sequence[Scored]) -> dict[str, Any]:
@@ -26,15 +28,17 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
     false alarms, ambiguous verdicts on separable cases, and failures.
     """
     out: dict[str, Any] = {}
-    for regime in ("exact", "hard"):
+    for regime in REGIMES:
         mine = [c for c in cases if c.answer["regime"] == regime]
+        if regime == "measured" and not mine:
+            continue
         out[regime] = {kind: rate(c.right for c in mine if c.kind == kind) for kind in KINDS}
-        out[regime]["single_alone"] = rate(
-            c.complete or c.right_by_tie for c in mine if c.kind == "single"
-        )
-        out[regime]["single_listed_first"] = rate(
-            c.listed_first or c.right_by_tie for c in mine if c.kind == "single"
-        )
+        singles = [c for c in mine if c.kind == "single"]
+        out[regime]["single_alone"] = rate(c.complete or c.right_by_tie for c in singles)
+        out[regime]["single_listed_first"] = rate(c.listed_first or c.right_by_tie for c in singles)
+        out[regime]["sure_and_wrong"] = rate(c.sure_and_wrong for c in mine)
+        if regime == "measured":
+            out[regime] |= measured_rates(mine)
     clear = [c for c in cases if c.answer["label"] == "effect" and not c.tied]
     return out | {
         "sure_and_wrong": rate(c.sure_and_wrong for c in cases),
@@ -44,10 +48,24 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
     }
 
 
+def measured_rates(cases: Sequence[Scored]) -> dict[str, Any]:
+    """Further rates of the regime `measured`: pairs of which both are named, perhaps with others;
+    disturbances alone with a right verdict, and those where an effect is named.
+    """
+    alone = [c for c in cases if c.kind == "disturbances"]
+    return {
+        "pair_both_named": rate(c.all_named or c.right_by_tie for c in cases if c.kind == "pair"),
+        "disturbances": rate(c.right for c in alone),
+        "disturbances_named": rate(c.names_something for c in alone),
+    }
+
+
 def confusion(cases: Sequence[Scored]) -> list[tuple[str, str, int]]:
-    """(truth, verdict, count) of singles, none and unlisted, most frequent mistakes first."""
+    """(truth, verdict, count) of singles, and of cases without named effects, most frequent
+    mistakes first.
+    """
     counts: Counter[tuple[str, str]] = Counter()
-    for c in (c for c in cases if c.kind in ("single", "none", "unlisted")):
+    for c in (c for c in cases if c.kind in ("single", *UNNAMED)):
         truth = c.answer["ids"][0] if c.kind == "single" else c.kind
         counts[truth, "right" if c.right else verdict_text(c)] += 1
     return sorted(
@@ -61,10 +79,7 @@ def calibration(cases: Sequence[Scored]) -> list[dict[str, Any]]:
     names.
     """
     pairs = [
-        (p, c.true_name(i))
-        for c in cases
-        if c.outcome in ("effect", "ambiguous")
-        for i, p in c.probabilities.items()
+        (p, c.true_name(i)) for c in cases if c.names_something for i, p in c.probabilities.items()
     ]
     out = []
     for low, high in zip(CALIBRATION_EDGES, CALIBRATION_EDGES[1:], strict=False):
@@ -189,11 +204,16 @@ def removed(cases: Sequence[Scored]) -> dict[str, Any]:
 def score(cases: Sequence[Scored]) -> dict[str, Any]:
     """All figures of the bench."""
     whole = [c for c in cases if c.without is None]
+    regimes = [r for r in REGIMES if any(c.answer["regime"] == r for c in whole)]
     out = {
         "of": len(whole),
         "rates": rates(whole),
         "confusion": confusion(whole),
         "calibration": calibration(whole),
+        "calibration_by_regime": {
+            regime: calibration([c for c in whole if c.answer["regime"] == regime])
+            for regime in regimes
+        },
         "power": power(whole),
         "needs": count_needs(whole),
         "parameters": parameters(whole),
@@ -235,6 +255,7 @@ def failure_of(c: Scored) -> dict[str, Any]:
         "regime": a["regime"],
         "truth": a["ids"],
         "sizes": a["times_visible"],
+        "disturbances": {d["id"]: d["times_visible"] for d in a.get("disturbances", [])},
         "ties": a.get("ties", []),
         "verdict": c.outcome,
         "selected": c.selected,

@@ -16,6 +16,12 @@ VALUE_OF_SIZE = {
 }
 
 
+# Verdicts that name effects without rivals; `partial`: a significant remainder stays beside them
+NAMING = ("effect", "partial")
+# Outcomes that are right where no effect of the catalogue acts: by the label of the answer
+UNNAMED = {"none": ("none",), "unlisted": ("unlisted",), "disturbances": ("none", "unlisted")}
+
+
 @dataclass(frozen=True)
 class ScoringLimits:
     """Limits of the scoring: the definitions of docs/gap_bench.md."""
@@ -51,12 +57,12 @@ class Scored:
 
     @property
     def kind(self) -> str:
-        """single, pair, triple, none or unlisted."""
+        """single, pair, triple, none, unlisted or disturbances."""
         return self.answer["kind"]
 
     @property
     def outcome(self) -> str:
-        """The verdict: effect, ambiguous, none, unlisted or failed."""
+        """The verdict: effect, partial, ambiguous, none, unlisted or failed."""
         return self.verdict["verdict"]
 
     @property
@@ -80,17 +86,24 @@ class Scored:
 
     @property
     def complete(self) -> bool:
-        """Whether the verdict names exactly the true effects, or is none or unlisted as the
-        truth.
+        """Whether the verdict names exactly the true effects, or is one that is right where there
+        are none.
         """
-        accept = self.answer["accept"]
         if self.answer["label"] != "effect":
-            return self.outcome == self.answer["label"]
-        return (
-            self.outcome == "effect"
-            and len(self.selected) == len(accept)
-            and all(set(ids) & set(self.selected) for ids in accept)
+            return self.outcome in UNNAMED[self.answer["label"]]
+        return self.all_named and len(self.selected) == len(self.answer["accept"])
+
+    @property
+    def all_named(self) -> bool:
+        """Whether the verdict has no rivals and names all true effects, perhaps with others."""
+        return self.outcome in NAMING and all(
+            set(ids) & set(self.selected) for ids in self.answer["accept"]
         )
+
+    @property
+    def names_something(self) -> bool:
+        """Whether the verdict names an effect, with or without rivals."""
+        return self.outcome in (*NAMING, "ambiguous")
 
     @property
     def ambiguous_tie(self) -> bool:
@@ -112,7 +125,7 @@ class Scored:
             for tie in self.answer.get("ties") or []
             if len(tie) == len(ids) and contains(ids, tuple(tie))
         )
-        return self.outcome == "effect" and any(set(tie) == set(self.selected) for tie in simpler)
+        return self.outcome in NAMING and any(set(tie) == set(self.selected) for tie in simpler)
 
     @property
     def right_by_tie(self) -> bool:
@@ -129,7 +142,7 @@ class Scored:
         """Whether the first selected effect is true and the verdict has no rivals."""
         if self.answer["label"] != "effect":
             return self.complete
-        return self.outcome == "effect" and self.leads
+        return self.outcome in NAMING and self.leads
 
     @property
     def listed_first(self) -> bool:
@@ -157,7 +170,7 @@ class Scored:
         """Whether a verdict without rivals gives a wrong effect a probability of LIMITS.sure or
         more.
         """
-        return self.outcome == "effect" and any(
+        return self.outcome in NAMING and any(
             p >= LIMITS.sure and not self.true_name(i) for i, p in self.probabilities.items()
         )
 

@@ -11,12 +11,19 @@ from vgroove.errors import VgrooveError
 from vgroove.log.can_files import read_asc, read_blf, read_mf4
 from vgroove.log.csv_file import csv_header, csv_rows, read_csv, write_csv
 from vgroove.log.frames import log_from_session, log_from_stream
-from vgroove.log.table import COLUMN_LABELS, COLUMN_UNITS, Log, current_is_unsigned
+from vgroove.log.table import (
+    COLUMN_LABELS,
+    COLUMN_UNITS,
+    MIN_USABLE_SAMPLES,
+    Log,
+    current_is_unsigned,
+)
 
 __all__ = [
     "COLUMN_LABELS",
     "COLUMN_UNITS",
     "LOG_ENDINGS",
+    "MIN_USABLE_SAMPLES",
     "Log",
     "csv_header",
     "csv_rows",

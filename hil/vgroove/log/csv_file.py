@@ -1,10 +1,12 @@
 """CSV logs: a header with column names, a row a sample, empty cells or NaN for missing samples."""
 
+import codecs
 import csv
-import io
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -13,47 +15,127 @@ from vgroove.errors import VgrooveError
 from vgroove.log.table import COLUMN_UNITS, Log, check_columns, checked
 from vgroove.output import write_bytes
 
+CHUNK_LINES = 100_000  # lines that are converted at once: some 10 MB of text
+BLOCK_BYTES = 1 << 20  # that are checked at once
+
 
 def read_csv(path: Path) -> Log:
-    """Read and check a CSV log; VgrooveError with file, line and column."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise VgrooveError(
-            f"{path}: its content does not match its ending .csv: byte {error.start} is not UTF-8 "
-            "text."
-        ) from error
-    header, lines, rows = _split_rows(path, text)
-    warnings = _check_header(path, header)
-    known = [k for k, name in enumerate(header) if name == "time_s" or name in COLUMN_UNITS]
-    underscores = text.find("_", text.find("\n")) >= 0
-    cells = list(zip(*rows, strict=True)) or [()] * len(header)
-    reader = _CellReader(path, lines, underscores)
-    columns = {header[k]: reader.numbers(header[k], cells[k]) for k in known}
+    """Read and check a CSV log; VgrooveError with file, line and column.
+
+    The rows are converted in chunks: the text of the whole file would take many times the memory
+    of its numbers.
+    """
+    most = _count_lines(path)
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = _Rows(path, file)
+        warnings = _check_header(path, rows.header)
+        known = [k for k, name in enumerate(rows.header) if name in ("time_s", *COLUMN_UNITS)]
+        # one array for all rows: joining the chunks at the end would take the memory twice
+        lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
+        for chunk in rows.chunks(known):
+            part = slice(count, count := count + len(chunk.lines))
+            lines[part], table[:, part] = chunk.lines, chunk.values
+    columns = {rows.header[k]: table[n, :count] for n, k in enumerate(known)}
     time_s = columns.pop("time_s")
-    return checked(Log(time_s, columns, str(path), warnings), lines)
+    return checked(Log(time_s, columns, str(path), warnings), lines[:count])
 
 
-def _split_rows(path: Path, text: str) -> tuple[list[str], list[int], list[list[str]]]:
-    """Header, and the line number and cells of each row that is not blank."""
-    lines, rows = [], []
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    try:
-        for row in reader:
-            if row:
-                lines.append(reader.line_num)
-                rows.append(row)
-    except csv.Error as error:
-        raise VgrooveError(f"{path}: line {reader.line_num}: is not CSV: {error}.") from error
-    if not rows:
-        raise VgrooveError(f"{path}: line 1: no header: the file is empty.")
-    header = [cell.strip() for cell in rows[0]]
-    for line, row in zip(lines[1:], rows[1:], strict=True):
-        if len(row) != len(header):
-            raise VgrooveError(
-                f"{path}: line {line}: has {len(row)} cells, the header has {len(header)} columns."
-            )
-    return header, lines[1:], rows[1:]
+def _count_lines(path: Path) -> int:
+    """A number that the file has at most as lines; VgrooveError unless it is UTF-8."""
+    decoder, done, ends = codecs.getincrementaldecoder("utf-8")(), 0, 0
+    with path.open("rb") as file:
+        while True:
+            block, (pending, _) = file.read(BLOCK_BYTES), decoder.getstate()
+            try:
+                decoder.decode(block, final=not block)
+            except UnicodeDecodeError as error:
+                at = done - len(pending) + error.start
+                raise VgrooveError(
+                    f"{path}: its content does not match its ending .csv: byte {at} is not UTF-8 "
+                    "text."
+                ) from error
+            if not block:
+                return ends + 1
+            done, ends = done + len(block), ends + block.count(b"\n") + block.count(b"\r")
+
+
+@dataclass
+class _Chunk:
+    """Successive rows: their line numbers (m,) and the values (known, m) of the known columns."""
+
+    lines: np.ndarray
+    values: np.ndarray
+
+
+class _Rows:
+    """The rows of an open file (newline=""), read in chunks of CHUNK_LINES lines; `header`: the
+    column names. VgrooveError for a file without header.
+    """
+
+    def __init__(self, path: Path, file: Iterable[str]) -> None:
+        self._path, self._file, self._line = path, iter(file), 0
+        self.header = [cell.strip() for cell in self._first()]
+
+    def _first(self) -> list[str]:
+        for _, row in self._split([]):
+            return row
+        raise VgrooveError(f"{self._path}: line 1: no header: the file is empty.")
+
+    def chunks(self, known: Sequence[int]) -> Iterator[_Chunk]:
+        """The rows, with the columns of these indices."""
+        while lines := list(islice(self._file, CHUNK_LINES)):
+            yield self._fast(lines, known) or self._careful(lines, known)
+
+    def _fast(self, lines: list[str], known: Sequence[int]) -> _Chunk | None:
+        """The rows of these lines by the reader of numpy; None where one is blank, holds a quote,
+        another number of cells, or a cell that is no finite number.
+        """
+        commas = len(self.header) - 1
+        if any(line.count(",") != commas or '"' in line for line in lines):
+            return None
+        try:
+            values = np.loadtxt(lines, delimiter=",", comments=None, usecols=known, ndmin=2)
+        except ValueError:
+            return None
+        if len(values) != len(lines) or np.isinf(values).any():
+            return None
+        first = self._line + 1
+        self._line += len(lines)
+        return _Chunk(np.arange(first, first + len(lines)), values.T)
+
+    def _careful(self, lines: list[str], known: Sequence[int]) -> _Chunk:
+        """The rows of these lines cell by cell; VgrooveError for those that cannot be read."""
+        numbers, rows = [], []
+        for line, row in self._split(lines):
+            if len(row) != len(self.header):
+                raise VgrooveError(
+                    f"{self._path}: line {line}: has {len(row)} cells, the header has "
+                    f"{len(self.header)} columns."
+                )
+            numbers.append(line)
+            rows.append(row)
+        cells = list(zip(*rows, strict=True)) or [()] * len(self.header)
+        reader = _CellReader(self._path, numbers)
+        values = np.array([reader.numbers(self.header[k], cells[k]) for k in known])
+        return _Chunk(np.array(numbers, int), values)
+
+    def _split(self, lines: list[str]) -> Iterator[tuple[int, list[str]]]:
+        """Line number and cells of each row that is not blank and begins in these lines (none: in
+        the file); a quoted cell may go on in the lines that follow.
+        """
+        reader = csv.reader(chain(lines, self._file), strict=True)
+        before = self._line
+        try:
+            while not lines or reader.line_num < len(lines):
+                row = next(reader, None)
+                self._line = before + reader.line_num
+                if row is None:
+                    return
+                if row:
+                    yield self._line, row
+        except csv.Error as error:
+            line = before + reader.line_num
+            raise VgrooveError(f"{self._path}: line {line}: is not CSV: {error}.") from error
 
 
 def _is_number(cell: str) -> bool:
@@ -90,17 +172,17 @@ def _check_header(path: Path, header: list[str]) -> list[str]:
 
 
 class _CellReader:
-    """Converts the cells of a file to numbers; `lines` are the rows' line numbers."""
+    """Converts cells to numbers; `lines` are the line numbers of their rows."""
 
-    def __init__(self, path: Path, lines: list[int], underscores: bool) -> None:
-        self._path, self._lines, self._underscores = path, lines, underscores
+    def __init__(self, path: Path, lines: list[int]) -> None:
+        self._path, self._lines = path, lines
 
     def numbers(self, name: str, cells: Sequence[str]) -> np.ndarray:
         """Cells of a column as floats (n,), NaN for empty ones; VgrooveError for the first cell
         that is no number or infinite.
         """
         try:
-            if self._underscores:
+            if any("_" in cell for cell in cells):
                 raise ValueError  # float() would accept 1_0 as 10
             values = np.fromiter(map(float, cells), float, len(cells))
         except ValueError:

@@ -100,15 +100,15 @@ def check_columns(source: str, names: Iterable[str]) -> None:
         )
 
 
-def checked(log: Log, lines: list[int] | None = None) -> Log:
+def checked(log: Log, lines: np.ndarray | None = None) -> Log:
     """The log, with warnings added, if it keeps the rules; VgrooveError otherwise.
 
-    Time increases, nothing is infinite, enough samples are usable. `lines` are the line numbers of
-    the rows in a text file, for the messages.
+    Time increases, nothing is infinite, enough samples are usable. `lines` (n,) are the line
+    numbers of the rows in a text file, for the messages.
     """
 
     def place(row: int) -> str:
-        return f"line {lines[row]}" if lines else f"sample {row + 1}"
+        return f"sample {row + 1}" if lines is None else f"line {lines[row]}"
 
     missing = ~np.isfinite(log.time_s)
     if missing.any():

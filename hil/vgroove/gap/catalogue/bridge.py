@@ -9,7 +9,16 @@ EFFECTS = (
         "v = d Vs - 2 dead_time_s pwm_hz Vs S(i) for 0 < abs(d) < 1; S(i) is sign(i) averaged "
         "over the PWM ripple: i / ir within +-1, "
         "ir = max(0.2 A, abs(d) (1 - abs(d)) Vs / (2 L pwm_hz))",
-        (Parameter("dead_time_s", "s", lambda s: 0.01 / s.pwm_hz, ZERO, lambda s: 0.2 / s.pwm_hz),),
+        (
+            Parameter(
+                "dead_time_s",
+                "s",
+                lambda s: 0.01 / s.pwm_hz,
+                ZERO,
+                lambda s: 0.2 / s.pwm_hz,
+                plausible=lambda s: 0.05 / s.pwm_hz,
+            ),
+        ),
         needs=("duty",),
         # "edges": S(i) from the current at the two edges of the pulse, as a bridge switches
         form=Form("form", ("mean", "edges"), "at_edges", beyond_specification=True),
@@ -35,6 +44,8 @@ EFFECTS = (
                 lambda s: 0.05 * s.resistance,
                 lambda s: -0.9 * s.resistance,
                 lambda s: 3.0 * s.resistance,
+                physical="low",
+                plausible=lambda s: 0.3 * s.resistance,
             ),
         ),
         needs=("duty",),

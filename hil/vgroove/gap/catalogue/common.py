@@ -8,6 +8,7 @@ from .entry import (
     ZERO,
     OfScales,
     Parameter,
+    Scales,
     constant,
 )
 from .keys import ANY, NOT_NEGATIVE, POSITIVE, RELATIVE
@@ -15,7 +16,9 @@ from .keys import ANY, NOT_NEGATIVE, POSITIVE, RELATIVE
 PHASE = Parameter("phase_rad", "rad", constant(1.0), reported=False, key=ANY.optional())
 
 
-def relative(size: float, bound: float = 0.9, high: float | None = None) -> Parameter:
+def relative(
+    size: float, bound: float = 0.9, high: float | None = None, plausible: float = 0.1
+) -> Parameter:
     """A factor 1 + relative on a value of the rig, searched within +-bound, or up to high."""
     return Parameter(
         "relative",
@@ -24,13 +27,20 @@ def relative(size: float, bound: float = 0.9, high: float | None = None) -> Para
         constant(-bound),
         constant(bound if high is None else high),
         key=RELATIVE,
+        physical="low",
+        plausible=constant(plausible),
     )
 
 
 def series_resistance(low: OfScales = ZERO) -> Parameter:
     """A series resistance; its typical size drops 2 % of the voltage at the logged current."""
     return Parameter(
-        "resistance_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, low, lambda s: s.volt / s.amp
+        "resistance_ohm",
+        "ohm",
+        lambda s: 0.02 * s.volt / s.amp,
+        low,
+        lambda s: s.volt / s.amp,
+        plausible=lambda s: 0.1 * s.volt / s.amp,
     )
 
 
@@ -38,7 +48,16 @@ def torque(
     name: str = "torque_nm", low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)
 ) -> Parameter:
     """A torque, sized as 3 % of the logged motor torque."""
-    return Parameter(name, "N m", lambda s: 0.03 * s.torque, low, lambda s: 2.0 * s.torque, starts)
+    return Parameter(
+        name,
+        "N m",
+        lambda s: 0.03 * s.torque,
+        low,
+        lambda s: 2.0 * s.torque,
+        starts,
+        physical="low",
+        plausible=lambda s: 0.1 * s.torque + 2.0 * s.coulomb,
+    )
 
 
 def viscous(low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)) -> Parameter:
@@ -50,6 +69,8 @@ def viscous(low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)) 
         low,
         lambda s: 3.0 * s.torque / s.speed,
         starts,
+        physical="low",
+        plausible=lambda s: 0.1 * s.torque / s.speed + 2.0 * s.viscous,
     )
 
 
@@ -67,6 +88,13 @@ def time_constant(name: str, starts: tuple[float, ...], neutral: float = 1.0) ->
     )
 
 
+def longest_delay(s: Scales) -> float:
+    """Upper bound of delays and lags in s: 0.1 s, or 32 row intervals of a slow logger, and at most
+    a tenth of the log.
+    """
+    return min(max(0.1, 32.0 * s.interval), 0.1 * s.duration)
+
+
 def sensor_lag() -> Parameter:
     """Time constant of a sensor, sized as two row intervals."""
     return Parameter(
@@ -74,7 +102,8 @@ def sensor_lag() -> Parameter:
         "s",
         lambda s: 2.0 * s.interval,
         ZERO,
-        constant(0.1),
+        longest_delay,
         zero_below=0.01,
         key=NOT_NEGATIVE,
+        plausible=lambda s: max(0.005, 3.0 * s.interval),
     )

@@ -24,6 +24,7 @@ class Scales:
     coulomb (N m), viscous (N m s/rad) and the gear ratio are those of the rig; duration (s) is that
     of the longest log, interval (s) the median interval between rows. least_delay (s): a shorter
     delay of the command may come from the logger's choice of the instant that a row stands for.
+    clock: standard deviation of the relative error of the logger's clock.
     """
 
     volt: float
@@ -41,6 +42,7 @@ class Scales:
     pwm_hz: float
     supply_ohm: float
     least_delay: float = 0.0
+    clock: float = 0.02
 
 
 OfScales = Callable[[Scales], float]
@@ -67,7 +69,12 @@ class Parameter:
     differences; zero_below, below which the number is taken as 0 (a lag of nanoseconds would only
     make the simulation stiff). reported: whether a verdict lists the number. key_of: the effect
     under which a rig states this number, if that is another effect. low_is_convention: a number at
-    its lower bound describes the logger (Scales.least_delay), not an effect.
+    its lower bound describes the logger (Scales.least_delay), not an effect. physical: which bounds
+    are limits of physics or of docs/spec/gap.md, "low", "high", "both" or "" (0 is one always); the
+    others belong to the search and are widened where a fit ends at them. plausible: of a leading
+    parameter, the scale of the sizes that occur in practice, an estimate of the order of magnitude,
+    and the scale of a prior with heavy tails (of a parameter that is infinite while the effect is
+    off, as a stiffness or a limit: a value that is seldom fallen short of); None: no prior.
     """
 
     name: str
@@ -83,6 +90,8 @@ class Parameter:
     key: Key = ANY
     neutral: float = 0.0
     low_is_convention: bool = False
+    physical: str = ""
+    plausible: OfScales | None = None
 
 
 @dataclass(frozen=True)
@@ -224,6 +233,17 @@ class Effect:
     def column(self, parameter: Parameter) -> str:
         """Name in the plant's parameter vector."""
         return f"effects.{parameter.key_of or self.id}.{parameter.name}"
+
+    def oddity(self, value: float, scales: Scales) -> float:
+        """Size of the effect's leading parameter in units of its plausible scale, inverted where
+        the effect is off at infinity: values far above 1 are implausible; 0 without such a scale.
+        """
+        if self.leading.plausible is None:
+            return 0.0
+        plausible = self.leading.plausible(scales)
+        if self.leading.neutral == OFF_AT_INFINITY:
+            return plausible / value if value > 0.0 else inf
+        return abs(value) / plausible
 
     def beside(self, ids: Iterable[str]) -> tuple[Parameter, ...]:
         """Parameters that are fitted for it in a set with the effects `ids`: those that are no keys

@@ -59,7 +59,16 @@ EFFECTS = (
         "load_dependent_friction",
         "gearbox",
         "T + relative abs(TL) / N sign(w); with an impact mechanism TL / N is k i",
-        (Parameter("relative", "1", constant(0.05), ZERO, constant(2.0)),),
+        (
+            Parameter(
+                "relative",
+                "1",
+                constant(0.05),
+                ZERO,
+                constant(2.0),
+                plausible=constant(0.2),
+            ),
+        ),
         needs=("load",),
         switch=("relative",),
     ),
@@ -90,6 +99,7 @@ EFFECTS = (
                 tuple(0.02 * 1.4**n for n in range(20)),
                 key=POSITIVE,
                 neutral=OFF_AT_INFINITY,
+                plausible=lambda s: s.inertia * 50.0**2,
             ),
             Parameter(
                 "damping_ratio",
@@ -132,6 +142,7 @@ EFFECTS = (
                 constant(1.0),
                 tuple(0.25 * 1.25**n for n in range(23)),  # 5 mrad to 0.7 rad
                 key=NOT_NEGATIVE,
+                plausible=constant(0.1),
             ),
             *FLANKS,
         ),

@@ -1,7 +1,7 @@
 """Effects of the motor's winding, brushes and magnets."""
 
 from .common import relative, time_constant
-from .entry import OFF_AT_INFINITY, ZERO, Effect, Parameter, Separation
+from .entry import OFF_AT_INFINITY, ZERO, Effect, Parameter, Separation, constant
 from .keys import POSITIVE
 
 EFFECTS = (
@@ -9,7 +9,7 @@ EFFECTS = (
         "winding_resistance",
         "motor_electrical",
         "R (1 + relative)",
-        (relative(0.05, high=3.0),),
+        (relative(0.05, high=3.0, plausible=0.3),),
         needs=("voltage",),
         identical_to=(("bridge_resistance", ()),),
     ),
@@ -25,6 +25,7 @@ EFFECTS = (
                 lambda s: 20.0 / (s.amp**2 * s.resistance * s.duration),
                 ZERO,
                 starts=(0.3,),
+                plausible=lambda s: 100.0 / (s.amp**2 * s.resistance * s.duration),
             ),
             time_constant("cooling_s", (0.3, 2.0, 10.0), neutral=OFF_AT_INFINITY),
         ),
@@ -35,7 +36,16 @@ EFFECTS = (
         "brush_drop",
         "motor_electrical",
         "v - voltage_v tanh(i / 0.3 A), averaged over the PWM ripple as for dead_time",
-        (Parameter("voltage_v", "V", lambda s: 0.02 * s.volt, ZERO, lambda s: 0.5 * s.volt),),
+        (
+            Parameter(
+                "voltage_v",
+                "V",
+                lambda s: 0.02 * s.volt,
+                ZERO,
+                lambda s: 0.5 * s.volt,
+                plausible=constant(1.0),
+            ),
+        ),
         needs=("voltage",),
         switch=("voltage_v",),
     ),
@@ -43,7 +53,7 @@ EFFECTS = (
         "inductance",
         "motor_electrical",
         "L (1 + relative)",
-        (relative(0.2, high=9.0),),
+        (relative(0.2, high=9.0, plausible=0.5),),
         needs=("voltage",),
         equations=("voltage", "command"),
         less_likely=True,
@@ -77,6 +87,7 @@ EFFECTS = (
                 (5.0,),
                 key=POSITIVE,
                 neutral=OFF_AT_INFINITY,
+                plausible=lambda s: 2.0 * s.amp,
             ),
         ),
         switch=("saturation_a",),

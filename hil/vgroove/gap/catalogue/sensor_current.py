@@ -24,7 +24,16 @@ EFFECTS = (
         "current_offset",
         "sensor_current",
         "i + offset_a",
-        (Parameter("offset_a", "A", lambda s: 0.02 * s.amp, lambda s: -s.amp, lambda s: s.amp),),
+        (
+            Parameter(
+                "offset_a",
+                "A",
+                lambda s: 0.02 * s.amp,
+                lambda s: -s.amp,
+                lambda s: s.amp,
+                plausible=lambda s: 0.05 * s.amp,
+            ),
+        ),
         needs=("current",),
     ),
     Effect(

@@ -6,7 +6,11 @@ from .keys import PROBABILITY
 
 EFFECTS = (
     Effect(
-        "speed_gain", "sensor_speed", "w (1 + relative)", (relative(0.02, 0.5),), needs=("speed",)
+        "speed_gain",
+        "sensor_speed",
+        "w (1 + relative)",
+        (relative(0.02, 0.5, plausible=0.05),),
+        needs=("speed",),
     ),
     Effect(
         "speed_lag",
@@ -20,7 +24,16 @@ EFFECTS = (
         "hall_eccentricity",
         "sensor_speed",
         "measured angle th + amplitude_rad sin(th + phase_rad)",
-        (Parameter("amplitude_rad", "rad", constant(0.02), high=constant(0.5)), PHASE),
+        (
+            Parameter(
+                "amplitude_rad",
+                "rad",
+                constant(0.02),
+                high=constant(0.5),
+                plausible=constant(0.1),
+            ),
+            PHASE,
+        ),
         needs=("edges",),
         periodic=Periodic("amplitude_rad", 1.0, moves_shaft=False),
         remark="a once-per-turn error of measured speed and angle, not of the shaft",
@@ -32,7 +45,14 @@ EFFECTS = (
         "each edge is missed with this probability, independently of the others",
         (
             Parameter(
-                "probability", "1", constant(0.01), ZERO, constant(0.5), (1.0,), key=PROBABILITY
+                "probability",
+                "1",
+                constant(0.01),
+                ZERO,
+                constant(0.5),
+                (1.0,),
+                key=PROBABILITY,
+                physical="both",
             ),
         ),
         needs=("edges",),

@@ -8,7 +8,7 @@ EFFECTS = (
         "supply_gain",
         "sensor_supply",
         "measured bus (1 + relative)",
-        (relative(0.02, 0.5),),
+        (relative(0.02, 0.5, plausible=0.05),),
         needs=("supply",),
         less_likely=True,
     ),

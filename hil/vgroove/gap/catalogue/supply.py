@@ -19,7 +19,11 @@ EFFECTS = (
         "vp' = (polarisation_ohm d i - vp) / polarisation_s",
         (
             Parameter(
-                "volt_per_coulomb", "V/C", lambda s: 0.02 * s.volt / (s.amp * s.duration), ZERO
+                "volt_per_coulomb",
+                "V/C",
+                lambda s: 0.02 * s.volt / (s.amp * s.duration),
+                ZERO,
+                plausible=lambda s: 0.2 * s.volt / (s.amp * s.duration),
             ),
             Parameter(
                 "polarisation_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, ZERO, starts=(0.5,)

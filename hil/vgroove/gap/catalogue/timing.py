@@ -1,5 +1,6 @@
 """Effects of the clocks: a late command, a clock that runs fast or slow."""
 
+from .common import longest_delay
 from .entry import Effect, Form, Parameter, Separation, constant
 from .keys import NOT_NEGATIVE, SKEW
 
@@ -14,10 +15,12 @@ EFFECTS = (
                 "s",
                 lambda s: 2.0 * s.interval,
                 lambda s: s.least_delay,
-                constant(0.1),
-                (0.0, 4.0),
+                longest_delay,
+                (0.0, 1.5, 4.0),
                 key=NOT_NEGATIVE,
                 low_is_convention=True,
+                plausible=lambda s: max(0.005, 4.0 * s.interval),
+                physical="low",
             ),
         ),
         separations=(
@@ -32,7 +35,18 @@ EFFECTS = (
         "clock_skew",
         "timing",
         "time stamps t (1 + relative), of the logger (all columns) or of the command column alone",
-        (Parameter("relative", "1", constant(0.01), constant(-0.05), constant(0.05), key=SKEW),),
+        (
+            Parameter(
+                "relative",
+                "1",
+                constant(0.01),
+                constant(-0.05),
+                constant(0.05),
+                key=SKEW,
+                physical="both",
+                plausible=lambda s: s.clock,
+            ),
+        ),
         remark="within +-0.05. Without a position or a second clock a logger's skew has the same "
         "effect on the log as `added_inertia`",
         form=Form("clock", ("logger", "command"), "command_clock"),

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from vgroove.errors import VgrooveError
+from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.gap.cleaning.sensor_noise import high_frequency_sigma
 from vgroove.log import Log
@@ -208,7 +209,9 @@ def frozen_samples(column: _Column, others_frozen: np.ndarray) -> np.ndarray:
     if len(rows) < 2 * LIMITS.min_frozen:
         return out
     seen = values[rows]
-    begin = np.flatnonzero(np.concatenate([[True], seen[1:] != seen[:-1]]))
+    skipped = np.cumsum(is_thinned(column.columns, len(values)))[rows]
+    changes = (seen[1:] != seen[:-1]) | (skipped[1:] > skipped[:-1])
+    begin = np.flatnonzero(np.concatenate([[True], changes]))
     end = np.append(begin[1:], len(rows))
     long_run = end - begin > longest_by_chance(end - begin, seen[begin] != 0.0)
     for a, b in zip(begin[long_run], end[long_run], strict=True):

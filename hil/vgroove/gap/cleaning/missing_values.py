@@ -7,6 +7,11 @@ import numpy as np
 MIN_KNOWN_SHARE = 0.9
 
 
+def has_values(columns: dict[str, np.ndarray], name: str) -> bool:
+    """True if the column of that name (n,) exists and holds at least one finite value."""
+    return name in columns and bool(np.isfinite(np.asarray(columns[name], float)).any())
+
+
 def hold_last_value(values: np.ndarray) -> np.ndarray:
     """The column (n,) with missing samples (nan) replaced by the last value before them, the first
     ones by the first value; zeros without any value.

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from vgroove.gap.catalogue import Effect, Parameter, Scales
-from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate, Hypothesis
+from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate, Fit, Hypothesis
 from vgroove.gap.residual.protocol import MeasuredProblem
 
 # start of amplitude cos(phase) and of amplitude sin(phase) of a periodic effect, in the effect's
@@ -17,6 +17,7 @@ from vgroove.gap.residual.protocol import MeasuredProblem
 RIPPLE_START = 0.05
 # bound of the asymmetry beside Coulomb friction, in the effect's typical size: practically none
 UNBOUNDED = 1e6
+WIDER = 4.0  # factor by which a bound of the search grows where a fit ends at it
 
 Started = tuple[Coordinate, tuple[float, ...]]  # a coordinate and the values of its starts
 
@@ -26,7 +27,7 @@ class HypothesisBuilder:
     """Builds hypotheses for one problem. scales: of the tool; tolerance: relative standard
     deviations of the rig's values (nuisance parameters); present: effects that the rig contains
     already; known: by name, the fitted numbers of effects with many starts, from the fit of each
-    effect alone.
+    effect alone; widening: by name, factors by which bounds of the search are widened.
     """
 
     problem: MeasuredProblem
@@ -34,17 +35,45 @@ class HypothesisBuilder:
     tolerance: dict[str, float]
     present: frozenset[str] = frozenset()
     known: dict[str, float] = field(default_factory=dict)
+    widening: dict[str, float] = field(default_factory=dict)
+
+    def widen(self, one: Fit) -> bool:
+        """Widen the bounds of the search at which the numbers of a fit end; whether there are
+        any.
+        """
+        found = [
+            c.name
+            for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
+            if not c.prior and c.role == "plain" and c.ends_at_search_bound(float(x))
+        ]
+        for name in found:
+            self.widening[name] = WIDER * self.widening.get(name, 1.0)
+        return bool(found)
 
     def nuisance(self) -> tuple[Coordinate, ...]:
-        """Coordinates of the rig's values with a tolerance, in standard deviations."""
+        """Coordinates of the rig's values with a tolerance, in standard deviations of their
+        logarithms (all are positive: a log-normal prior, of the relative standard deviation that
+        the rig states).
+        """
         found = []
         for name, sigma in sorted(self.tolerance.items()):
             column = self.problem.index(name)
             value = float(self.problem.theta0[column])
             if sigma > 0.0 and value != 0.0:
                 limit = MAX_NUISANCE_SIGMAS
-                scale = (sigma * value,)
-                found.append(Coordinate(name, (column,), scale, value, -limit, limit, prior=True))
+                scale = (float(np.sqrt(np.log1p(sigma**2))),)
+                found.append(
+                    Coordinate(
+                        name,
+                        (column,),
+                        scale,
+                        value,
+                        -limit,
+                        limit,
+                        prior=True,
+                        role="logarithm",
+                    )
+                )
         return tuple(found)
 
     def hypotheses(
@@ -99,8 +128,21 @@ class HypothesisBuilder:
         name, size = effect.name(parameter), parameter.size(self.scales)
         column = self.problem.index(effect.column(parameter))
         low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
+        factor = self.widening.get(name, 1.0)
+        if parameter.physical not in ("low", "both"):
+            low = low * factor if low < 0.0 else low / factor
+        if parameter.physical not in ("high", "both"):
+            high *= factor
         coordinate = Coordinate(
-            name, (column,), (size,), 0.0, low, high, parameter.step, parameter.zero_below
+            name,
+            (column,),
+            (size,),
+            0.0,
+            low,
+            high,
+            parameter.step,
+            parameter.zero_below,
+            physical=parameter.physical,
         )
         if name in known:
             return coordinate, (known[name],)

@@ -1,11 +1,12 @@
 """Fits many hypotheses in lock step: damped Gauss-Newton (Nocedal and Wright 2006, section 10.3)
-under Huber's loss, within bounds, with nuisance parameters under normal priors.
+under Huber's loss, within bounds, with nuisance parameters under log-normal priors.
 
 All parameter sets of one round (every hypothesis, every finite difference) are simulated in one
 batch. A hypothesis is fitted on all training rows; the fit of each fold is one Newton step from it
 with the same Jacobian (cross_validation.py).
 """
 
+import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -86,7 +87,30 @@ class Engine:
         self.nuisance_columns: np.ndarray | None = None
         self.train = np.logical_or.reduce([train for train, _ in problem.folds])
         self.groups = FoldGroups(problem.folds)
+        self.discrepancy = np.ones(problem.n)  # (n,), see with_discrepancy()
         self.calls = 0  # parameter sets that were simulated
+
+    def with_discrepancy(self, discrepancy: np.ndarray) -> "Engine":
+        """The engine with the standard deviation of each residual (n,) this many times that of the
+        sensors: residuals and costs are in units of both together.
+        """
+        other = copy.copy(self)
+        other.discrepancy = discrepancy
+        if self.nuisance_columns is not None:
+            ratio = (self.discrepancy / discrepancy).astype(np.float32)
+            other.nuisance_columns = self.nuisance_columns * ratio[:, None]
+        return other
+
+    def rescale_fit(self, one: Fit, ratio: np.ndarray) -> None:
+        """Multiply the residuals of a fit by ratio (n,), the change of the discrepancy, and compute
+        its Huber threshold and cost again.
+        """
+        one.residual = one.residual * ratio
+        one.out_of_fold = one.out_of_fold * ratio
+        if len(one.jacobian):
+            one.jacobian *= ratio.astype(np.float32)[:, None]
+        one.delta = self._delta(one.residual, FINAL_HUBER_SIGMAS)
+        one.cost = self.cost(one, one.x, one.residual)
 
     # --- hypotheses ---
 
@@ -133,6 +157,8 @@ class Engine:
         theta = np.stack([np.frombuffer(one) for one in places])
         self.calls += len(theta)
         rows = self.problem.residuals(theta, self.angles)
+        if np.any(self.discrepancy != 1.0):
+            rows /= self.discrepancy
         np.clip(rows, -MAX_RESIDUAL, MAX_RESIDUAL, out=rows)
         unique = list(rows)
         return [unique[k] for k in which]

@@ -32,7 +32,15 @@ class Coordinate:
     step: float = DIFFERENCE_STEP
     least: float = 0.0
     prior: bool = False  # a nuisance parameter under a standard normal prior
-    role: str = "plain"  # or "cosine", "sine"
+    # "plain"; "cosine" or "sine": amplitude times cos or sin of the phase; "logarithm": theta is
+    # origin * exp(factor * x)
+    role: str = "plain"
+    physical: str = ""  # bounds that are limits of physics: "low", "high", "both" (0 always is one)
+
+    def ends_at_search_bound(self, x: float) -> bool:
+        """Whether a value lies at a bound that only limits the search."""
+        at_low = x <= self.low and self.low != 0.0 and self.physical not in ("low", "both")
+        return at_low or (x >= self.high and self.physical not in ("high", "both"))
 
     def step_at(self, x: float) -> float:
         """Step of a forward difference at x."""
@@ -86,6 +94,8 @@ class Hypothesis:
                 value = np.where(np.abs(x[:, i]) < c.least, 0.0, x[:, i])
                 for column, factor in zip(c.columns, c.factors, strict=True):
                     out[:, column] = c.origin + factor * value
+            elif c.role == "logarithm":
+                out[:, c.columns[0]] = c.origin * np.exp(c.factors[0] * x[:, i])
             elif c.role == "cosine":
                 out[:, c.columns[0]] = c.factors[0] * np.hypot(x[:, i], x[:, i + 1])
                 phase_column = self.coordinates[i + 1].columns[0]

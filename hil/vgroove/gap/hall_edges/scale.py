@@ -77,19 +77,23 @@ class _Column:
         return _Column(self.time_s[part], self.speed_rpm[part], self.pulses, self.lsb_rpm)
 
 
-def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
+def edge_scale(
+    time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, gaps: int = 0
+) -> float:
     """Factor 1 + g between the speed column (n,), rpm, and its own edges; 1 where no factor gives
     clearly fewer chains than 1 does.
 
     A speed that is logged too high by the share g makes each period too short. The sum of the
     periods then drifts away from the times of the rows, and the chain breaks about every
     (few milliseconds) / g. Causes are a wrong gain of the sensor or a wrong clock of the logger. A
-    filter behind the sensor breaks the chain at any factor.
+    filter behind the sensor breaks the chain at any factor. `gaps`: intervals that a reduced log
+    leaves out, each of which ends a chain.
     """
     column = _Column(time_s, speed_rpm, pulses, lsb_rpm)
     as_read, counts = column.chains(1.0), pulses >= MIN_COUNTING_PULSES
     changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
-    if as_read <= max(LIMITS.usual_chains, counts * LIMITS.usual_counted_share * changes):
+    usual = max(LIMITS.usual_chains, counts * LIMITS.usual_counted_share * changes)
+    if as_read - gaps <= usual:
         return 1.0
     scales = [
         timeout_scale(time_s, speed_rpm, pulses, lsb_rpm),

@@ -4,9 +4,27 @@ import numpy as np
 
 from vgroove.gap.residual.time_warping import overall_rating
 
-CLIP_SIGMAS = 10.0  # residuals are clipped here in a gap: docs/spec/gap.md, section 5
+# Residuals of a gap are clipped at MIN_CLIP_SIGMAS times the larger of 1 and noise_ratio() of the
+# input rig's residuals: docs/spec/gap.md, section 5
+MIN_CLIP_SIGMAS = 10.0
+QUANTILE, QUANTILE_OF_NOISE = 0.95, 1.96  # of the magnitude of residuals, and of unit normal noise
 MAX_RATED_SAMPLES = 1000  # the rating's cost grows with the square of the samples
 MIN_RATED_SAMPLES = 20  # fewer samples are no curve that can be rated
+
+
+def clip_sigmas(size: np.ndarray) -> float:
+    """Where the residuals of a signal are clipped in a gap, in sigmas, from the magnitudes (m,) of
+    the input rig's judged residuals; the same for every model, so that a gap far above the noise is
+    not hidden.
+    """
+    return MIN_CLIP_SIGMAS * max(1.0, noise_ratio(size))
+
+
+def noise_ratio(size: np.ndarray) -> float:
+    """95 % quantile of magnitudes (m,) of residuals, in sigmas, divided by that of unit normal
+    noise: about 1 for noise; 0 without any.
+    """
+    return float(np.quantile(size, QUANTILE)) / QUANTILE_OF_NOISE if len(size) else 0.0
 
 
 def iso18571(

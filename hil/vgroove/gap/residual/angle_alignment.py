@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgroove.gap.catalogue import PERIODIC
-from vgroove.gap.residual.agreement import CLIP_SIGMAS
+from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.huber import huber_weight
 from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.protocol import MeasuredProblem
@@ -151,7 +151,9 @@ def align_angles(
         trial = np.array([c[k] if k < len(c) else 0.0 for c in choices])
         residual = problem.residuals(theta, angles.shifted(parts.restart, trial))[0]
         cost = np.bincount(
-            parts.of, weights=np.minimum(np.abs(residual), CLIP_SIGMAS) ** 2, minlength=parts.count
+            parts.of,
+            weights=np.minimum(np.abs(residual), MIN_CLIP_SIGMAS) ** 2,
+            minlength=parts.count,
         )
         better = cost < best - (ALIGNMENT.min_gain if k else 0.0)
         best, shift = np.where(better, cost, best), np.where(better, trial, shift)
@@ -176,7 +178,7 @@ class FirstOrderRipple:
         """From residuals (n,) and their derivatives (n, 2) along the two numbers, with Huber's
         weights.
         """
-        weight = huber_weight(residual, CLIP_SIGMAS)
+        weight = huber_weight(residual, MIN_CLIP_SIGMAS)
         products = weight[:, None] * np.column_stack(
             [columns[:, [0, 0, 1, 1]] * columns[:, [0, 1, 0, 1]], columns * residual[:, None]]
         )

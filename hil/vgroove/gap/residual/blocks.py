@@ -2,7 +2,7 @@
 in the reported gap.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,12 +25,14 @@ MOVING_SHARE = 0.02  # of the top speed: a lower speed counts as standstill
 @dataclass(frozen=True)
 class FoldBlocks:
     """Blocks of one log: edges_s (k + 1,) their borders in s; folds their number; rotate: every
-    block counts, predicted by a fit to the others.
+    block counts, predicted by a fit to the others; in_use (k,): whether a block holds rows that can
+    be judged (None: all do).
     """
 
     edges_s: np.ndarray
     folds: int
     rotate: bool
+    in_use: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -48,9 +50,15 @@ class FoldBlocks:
         """Whether the samples of each block (m,) count in the gap."""
         return np.ones(len(block), dtype=bool) if self.rotate else self.fold_of(block) == 0
 
+    def limited_to(self, time_s: np.ndarray) -> "FoldBlocks":
+        """The blocks, of which only those that hold one of the times (m,), s, are in use."""
+        number = np.arange(1, len(self.edges_s))
+        return replace(self, in_use=np.isin(number, self.of(time_s)))
+
     def stretches(self) -> list[list[float]]:
         """Judged stretches [from, to] in s, neighbours joined."""
         number = np.arange(1, len(self.edges_s))
+        number = number if self.in_use is None else number[self.in_use]
         found: list[list[float]] = []
         for k in number[self.judged(number)]:
             start, end = float(self.edges_s[k - 1]), float(self.edges_s[k])

@@ -7,7 +7,9 @@ import numpy as np
 
 from vgroove.gap.cleaning.clock import correct_time_stamps
 from vgroove.gap.cleaning.dead_samples import remove_dead_samples
+from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
+from vgroove.gap.cleaning.missing_values import has_values
 from vgroove.gap.cleaning.sensor_noise import column_sigma
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.rig import Rig
@@ -36,9 +38,14 @@ class CleanLog:
         """Edges of the Hall wheel a motor turn; 0 without one."""
         return self.rig.sensors.get("hall_pulses_per_rev", 0)
 
+    @property
+    def thinned(self) -> np.ndarray:
+        """Mask (rows,) of the rows that the model skips (cleaning/long_logs.py)."""
+        return is_thinned(self.columns, len(self.time_s))
+
     def has_values(self, column: str) -> bool:
         """Whether a column holds any value."""
-        return column in self.columns and bool(np.isfinite(self.columns[column]).any())
+        return has_values(self.columns, column)
 
     def sigma(self, column: str) -> float:
         """Standard deviation of a column's noise in its unit."""

@@ -56,7 +56,8 @@ def _read_scaled(log: CleanLog) -> EdgePeriods:
     """
     time_s, speed_rpm, pulses = log.time_s, log.columns["speed_rpm"], log.pulses_per_rev
     lsb_rpm = log.rig.sensors.get("speed_lsb_rpm", 0.0)
-    scale = edge_scale(time_s, speed_rpm, pulses, lsb_rpm)
+    gaps = int(np.count_nonzero(np.diff(log.thinned.astype(int)) == 1))
+    scale = edge_scale(time_s, speed_rpm, pulses, lsb_rpm, gaps)
     found = read_edges_with_missed(time_s, speed_rpm / scale, pulses, lsb_rpm)
     if scale == 1.0:
         return found

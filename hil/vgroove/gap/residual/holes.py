@@ -53,19 +53,21 @@ def find_restarts_and_holes(
     log: CleanLog, observer: StateObserver, restart_s: float, moving: bool
 ) -> tuple[Restarts, list[Hole]]:
     """Restarts of a log, some soon after each hole of its command, and the holes; moving: the log
-    begins in motion.
+    begins in motion. The thinned rows between two stretches of a reduced log are a hole.
     """
+    thinned = log.thinned
     command = log.columns[log.kind]
     begin = [0] * moving
     holes = _holes(log.time_s, command)
     steps = _steps_in_holes(log.time_s, command, log.rig.input.get("slew_per_s", 0.0))
+    steps = [hole for hole in steps if not _is_thinned(hole, thinned)]
     resume = begin + [row for _, row in holes + steps]
-    restarts = find_restarts(observer, log.time_s, restart_s, resume)
+    restarts = find_restarts(observer, log.time_s, restart_s, resume, thinned)
     if _share_left_out(steps, restarts.rows, len(log.time_s)) <= HOLES.max_step_rows_share:
         holes += steps
     else:  # a command that steps in every hole: little would be left
         resume = begin + [row for _, row in holes]
-        restarts = find_restarts(observer, log.time_s, restart_s, resume)
+        restarts = find_restarts(observer, log.time_s, restart_s, resume, thinned)
     return restarts, holes + (_unknown_start(restarts, log.time_s) if moving else [])
 
 
@@ -119,9 +121,14 @@ def _unknown_start(restarts: Restarts, time_s: np.ndarray) -> list[Hole]:
     return [(BEFORE_LOG, 1)] if len(early) and restarts.measured[0, 1] != 0.0 else []
 
 
-def count_inner(holes: list[Hole]) -> int:
-    """Holes that lie within the log."""
-    return sum(before > BEFORE_LOG for before, _ in holes)
+def _is_thinned(hole: Hole, thinned: np.ndarray) -> bool:
+    """Whether thinned rows of a reduced log (rows,) lie in a hole."""
+    return bool(thinned[hole[0] + 1 : hole[1]].any())
+
+
+def count_inner(holes: list[Hole], thinned: np.ndarray) -> int:
+    """Holes that lie within the log and are not thinned rows (rows,) of a reduced one."""
+    return sum(hole[0] > BEFORE_LOG and not _is_thinned(hole, thinned) for hole in holes)
 
 
 def select_known(channel: Channel, starts: np.ndarray, holes: list[Hole]) -> Channel:

@@ -8,6 +8,7 @@ import numpy as np
 from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.denoised_command import DenoisedCommand, denoise_command
+from vgroove.gap.cleaning.long_logs import BUS_A, SQUARE_A2
 from vgroove.gap.cleaning.missing_values import (
     hold_last_value,
     interpolate_missing,
@@ -36,25 +37,47 @@ STEP_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
+class DrivingColumns:
+    """Columns that drive the plant: time_s (rows,) from 0, the command (rows,) of a kind, and the
+    further arguments of _core.LogInput.
+    """
+
+    time_s: np.ndarray
+    kind: str
+    command: np.ndarray
+    more: dict[str, Any]
+
+    def plant(self, command: np.ndarray | None = None) -> _core.LogInput:
+        """The plant's input, by default with the log's own command."""
+        values = self.command if command is None else command
+        return _core.LogInput(self.time_s, self.kind, values, **self.more)
+
+
+@dataclass(frozen=True)
 class DrivingInput:
     """The input of a log's simulation, and the measured columns that it is made from."""
 
-    plant: _core.LogInput
+    columns: DrivingColumns
     measured: MeasuredInput
 
 
 def read_input(log: CleanLog) -> DrivingInput:
-    """The input of a log's simulation; VgrooveError for a command that is missing or cannot have
-    driven the tool.
+    """The input of a log's simulation, whose commands act in the interval before their row; a rig
+    whose commands hold after their row shifts them by one row. VgrooveError for a command that is
+    missing or cannot have driven the tool.
     """
     rig, time_s = log.rig, log.time_s
     command = interpolate_to_known_levels(time_s, _command(log))
+    if rig.command_holds_after:
+        command = np.concatenate([command[:1], command[:-1]])
     more: dict[str, Any] = {}
     if rig.bus_is_measured and log.kind == "duty":
         more["supply_v"] = _bus(log)
     load = _load_kind(log)
     if load == "torque":
         more["load_nm"] = interpolate_missing(time_s, log.columns["load_nm"])
+    if log.thinned.any():
+        more |= {"skipped_a2": log.columns[SQUARE_A2], "skipped_bus_a": log.columns[BUS_A]}
     if "coast" in log.columns:
         more["coast"] = hold_last_value(log.columns["coast"])
     denoised, step_slack = None, resolution_of(log.columns[log.kind])
@@ -67,7 +90,7 @@ def read_input(log: CleanLog) -> DrivingInput:
     if "slew_per_s" in rig.input:  # changes within the slack follow the ramp: noise is no step
         more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": step_slack}
     # time since the first row: stamps far from 0 would lose digits in the plant's steps
-    plant = _core.LogInput(time_s - time_s[0], log.kind, command, load_kind=load, **more)
+    columns = DrivingColumns(time_s - time_s[0], log.kind, command, more | {"load_kind": load})
     measured = MeasuredInput(
         time_s,
         command,
@@ -76,7 +99,7 @@ def read_input(log: CleanLog) -> DrivingInput:
         denoised=denoised,
         bridge_closed=_bridge_closed(log),
     )
-    return DrivingInput(plant, measured)
+    return DrivingInput(columns, measured)
 
 
 def _command(log: CleanLog) -> np.ndarray:

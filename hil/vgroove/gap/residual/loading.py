@@ -2,8 +2,8 @@
 all their channels joined.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +11,29 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue import DIAGNOSED_LOADS
+from vgroove.gap.cleaning.long_logs import reduce_long_logs
+from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, clip_sigmas
 from vgroove.gap.residual.angle_alignment import align_angles
 from vgroove.gap.residual.blocks import FoldBlocks
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
+from vgroove.gap.residual.restarts import restart_interval_s
 from vgroove.rig import Rig
 
 RESTART_S = 0.25  # docs/spec/gap.md, section 5
 
 
 def load_problem(
-    logs: Sequence[Any], rig: Rig, restart_s: float = RESTART_S, threads: int = 2
+    logs: Sequence[Any],
+    rig: Rig,
+    restart_s: float = RESTART_S,
+    threads: int = 2,
+    stated_clip: bool = False,
 ) -> Problem:
-    """Problem of one tool's logs (Log objects or paths) and a rig.
+    """Problem of one tool's logs (Log objects or paths) and a rig; long logs are reduced
+    (cleaning/long_logs.py). stated_clip: clip the residuals
+    where the rig's table [clip] states it, not from the residuals of this rig.
 
     VgrooveError when the rig's input column is missing, nothing else is measured, the plant cannot
     follow the rig along a log, or the rig's mechanism or load is not simulated.
@@ -34,13 +43,29 @@ def load_problem(
         raise VgrooveError("no log to judge")
     if restart_s <= 0.0:
         raise VgrooveError("restart_s must be above 0")
-    runs = tuple(prepare_run(_read(log), rig, restart_s) for log in logs)
-    problem = _join(rig, runs, restart_s, threads)
+    logs = reduce_long_logs([read(log) for log in logs], rig)
+    runs = tuple(prepare_run(log, rig, restart_s) for log in logs)
+    longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
+    problem = join_runs(rig, runs, longest_s, threads)
     _check_reach(problem)
-    return problem.with_angles(align_angles(problem, problem.theta0, problem.angles))
+    aligned = problem.with_angles(align_angles(problem, problem.theta0, problem.angles))
+    return with_clip(aligned, rig.clip if stated_clip else {})
 
 
-def _read(log: Any) -> Any:
+def with_clip(problem: Problem, stated: Mapping[str, float]) -> Problem:
+    """The problem with the clip of each signal: as stated by column, else from the residuals of its
+    rig.
+    """
+    size = np.sqrt(problem.squared_unclipped(problem.residuals(problem.theta0)[0]))
+    clip = []
+    for k, signal in enumerate(problem.signals):
+        mine = size[problem.judged & (problem.signal == k)]
+        clip.append(stated.get(signal.column, clip_sigmas(mine[np.isfinite(mine)])))
+    return replace(problem, clip=np.array(clip))
+
+
+def read(log: Any) -> Any:
+    """A log, read from its file where it is a path."""
     if not isinstance(log, str | Path):
         return log
     from vgroove.log import read_log
@@ -80,7 +105,7 @@ class _Part:
     channel: Channel
 
 
-def _join(rig: Rig, runs: tuple[MeasuredRun, ...], restart_s: float, threads: int) -> Problem:
+def join_runs(rig: Rig, runs: tuple[MeasuredRun, ...], restart_s: float, threads: int) -> Problem:
     """Concatenate the channels of all logs, log by log and channel by channel, as Problem.models
     does.
     """
@@ -113,6 +138,7 @@ def _join(rig: Rig, runs: tuple[MeasuredRun, ...], restart_s: float, threads: in
         fold=_per_block(parts, block, FoldBlocks.fold_of),
         judged=_per_block(parts, block, FoldBlocks.judged),
         warnings=tuple(warning for run in runs for warning in run.warnings),
+        clip=np.full(len(columns), MIN_CLIP_SIGMAS),
     )
 
 

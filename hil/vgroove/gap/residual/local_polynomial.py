@@ -24,7 +24,9 @@ class LocalFitRules:
     blind set (docs/gap_bench.md).
     """
 
-    max_distance_s: float = 0.06  # observations further from an instant are not used
+    # observations further from an instant are not used: s, or rows of a slow logger
+    max_distance_s: float = 0.06
+    max_distance_rows: float = 4.5  # the narrowest quadratic goes through NEIGHBOURS[0] rows
     # uncertainty of a value, in sigmas of its sensor, up to which a model may restart from it
     max_sigmas: float = 2.5
     # a quadratic is adequate while the mean square of its residuals lies within so many of its
@@ -86,6 +88,12 @@ class Observations:
     known_force: KnownForce | None = None  # its part of the signal is subtracted before a fit
     pitch: np.ndarray | None = None  # (m,) number of the pitch of the turn that each span is
     pitches_per_rev: int = 1
+    interval_s: float = 0.0  # between the rows of the log; 0: unknown
+
+    @property
+    def max_distance_s(self) -> float:
+        """Distance in s from an instant up to which observations are used."""
+        return max(LOCAL_FIT.max_distance_s, LOCAL_FIT.max_distance_rows * self.interval_s)
 
     def turn_pattern(self, part: slice) -> np.ndarray:
         """Regressors (part, pitches - 1) of a pattern that repeats every turn and has mean 0, as a
@@ -221,7 +229,7 @@ def _may_be_fitted(seen: Observations, time_s: float, part: slice, neighbours: i
         return False
     value = seen.value[part]
     before, after = time_s - seen.start_s[part.start], seen.end_s[part.stop - 1] - time_s
-    if max(before, after) > LOCAL_FIT.max_distance_s or not np.all(np.isfinite(value)):
+    if max(before, after) > seen.max_distance_s or not np.all(np.isfinite(value)):
         return False
     return neighbours == NEIGHBOURS[0] or abs(np.sum(np.sign(value))) >= len(value)
 
@@ -267,5 +275,9 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
     begin = np.concatenate([[2.0 * time_s[0] - time_s[1]], time_s[:-1]])
     known = np.isfinite(values)
     return Observations(
-        begin[known], time_s[known], values[known], np.full(int(known.sum()), sigma)
+        begin[known],
+        time_s[known],
+        values[known],
+        np.full(int(known.sum()), sigma),
+        interval_s=float(np.median(np.diff(time_s))),
     )

@@ -31,9 +31,9 @@ from vgroove.gap.residual.holes import (
 )
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.input_uncertainty import input_sigma
-from vgroove.gap.residual.inputs import read_input
+from vgroove.gap.residual.inputs import DrivingColumns, read_input
 from vgroove.gap.residual.regimes import regimes_of
-from vgroove.gap.residual.restarts import Restarts
+from vgroove.gap.residual.restarts import Restarts, restart_interval_s
 from vgroove.gap.residual.state_observer import make_state_observer, rough_speed
 from vgroove.rig import Rig
 from vgroove.units import TURN_RAD
@@ -44,7 +44,8 @@ class MeasuredRun:
     """One log prepared for the fit; immutable."""
 
     log: Any  # the cleaned log
-    drive: _core.LogInput
+    driving: DrivingColumns
+    drive: _core.LogInput  # the plant's input, made of them
     restarts: Restarts
     channels: tuple[Channel, ...]
     blocks: FoldBlocks
@@ -68,7 +69,9 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
     """
     clean = clean_log(log, rig)
     time_s, drive = clean.time_s, read_input(clean)
-    edges, motion = read_edge_periods(clean), nominal_motion(drive.plant, rig)
+    restart_s = restart_interval_s(time_s, restart_s)
+    plant = drive.columns.plant()
+    edges, motion = read_edge_periods(clean), nominal_motion(plant, rig)
     if edges is not None:
         edges = add_expected_speed(edges, time_s, motion)
     channels = build_channels(clean, edges)
@@ -85,10 +88,11 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
     regime, regimes = regimes_of(time_s, speed, drive.measured.command)
     return MeasuredRun(
         clean.log,
-        drive.plant,
+        drive.columns,
+        plant,
         restarts,
         widen_after_breakaway(known, record, rig, time_s[restarts.rows]),
-        cut_blocks(time_s, mean_stroke_s(time_s, speed)),
+        _blocks(clean, speed),
         regime,
         regimes,
         tuple(clean.warnings),
@@ -98,6 +102,16 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
         edges.scale if edges is not None else 1.0,
         from_rest,
     )
+
+
+def _blocks(log: CleanLog, speed: np.ndarray) -> FoldBlocks:
+    """Blocks of a log whose shaft has the speed (rows,). The stretches of a reduced log are in both
+    directions where the log is: it needs no thirds.
+    """
+    thinned = log.thinned
+    if not thinned.any():
+        return cut_blocks(log.time_s, mean_stroke_s(log.time_s, speed))
+    return cut_blocks(log.time_s, np.inf).limited_to(log.time_s[~thinned])
 
 
 def _counts_from_unknown_rest(log: CleanLog, edges: EdgePeriods | None) -> bool:
@@ -115,7 +129,7 @@ def _known_channels(
     restart cuts in two; VgrooveError when none is left.
     """
     known = [select_known(channel, restarts.rows, holes) for channel in channels]
-    gaps = count_inner(holes)
+    gaps = count_inner(holes, log.thinned)
     if gaps:
         log.warn(
             f"{gaps} holes in the command; the samples from each to the next restart are left out"

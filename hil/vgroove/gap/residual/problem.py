@@ -5,7 +5,7 @@ and every figure of the diagnosis is computed from.
     problem.residuals(theta)    (B, P) -> (B, n): (measured - model) / sigma, not clipped, finite
     problem.theta0              (P,) the rig's own values
     problem.folds               masks (n,) of training and test rows; each residual is tested once
-    problem.gap(residual, mask) RMS of the residuals, each clipped at 10 sigma
+    problem.gap(residual, mask) RMS of the residuals, each clipped at the clip of its signal
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +18,6 @@ import numpy as np
 from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.residual import agreement
-from vgroove.gap.residual.agreement import CLIP_SIGMAS
 from vgroove.gap.residual.batches import split_by_structure
 from vgroove.gap.residual.channels import (
     CLOCK,
@@ -90,6 +89,7 @@ class Problem:
     fold: np.ndarray  # (n,) the fold that tests it
     judged: np.ndarray  # (n,) whether it counts in the gap: docs/spec/gap.md, section 5
     warnings: tuple[str, ...]
+    clip: np.ndarray  # (signals,) sigmas at which the residuals of a gap are clipped
 
     parameters = list(_core.PARAMETERS)
 
@@ -224,8 +224,11 @@ class Problem:
         """Clipped squares of residuals, same shape; nan where a censored residual does not count
         because the model respects its bound.
         """
-        square = np.minimum(np.square(residual), CLIP_SIGMAS**2)
-        return np.where(self.censored & (residual == 0.0), np.nan, square)
+        return np.minimum(self.squared_unclipped(residual), np.square(self.clip)[self.signal])
+
+    def squared_unclipped(self, residual: np.ndarray) -> np.ndarray:
+        """Squares as squared() states them, without the clip."""
+        return np.where(self.censored & (residual == 0.0), np.nan, np.square(residual))
 
     def gap(self, residual: np.ndarray, mask: np.ndarray | None = None) -> Any:
         """RMS over the mask (default: judged) of clipped residuals (n,) -> float, or (B, n) ->
@@ -241,12 +244,21 @@ class Problem:
     def gap_by_signal(
         self, residual: np.ndarray, mask: np.ndarray | None = None
     ) -> dict[str, float]:
-        """RMS error of each signal in its unit, each error clipped at 10 sigma; residual (n,)."""
+        """RMS error of each signal in its unit, not clipped; residual (n,)."""
         mask = self.judged if mask is None else mask
-        square = self.squared(residual) * self.sigma**2
+        square = self.squared_unclipped(residual) * self.sigma**2
         chosen = [mask & (self.signal == k) & np.isfinite(square) for k in range(len(self.signals))]
         return {
             s.column: float(np.sqrt(square[m].mean())) if m.any() else 0.0
+            for s, m in zip(self.signals, chosen, strict=True)
+        }
+
+    def rms_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
+        """RMS of each measured signal in its unit over the rows that count in a gap."""
+        mask = (self.judged if mask is None else mask) & ~self.censored
+        chosen = [mask & (self.signal == k) for k in range(len(self.signals))]
+        return {
+            s.column: float(np.sqrt(np.mean(self.measured[m] ** 2))) if m.any() else 0.0
             for s, m in zip(self.signals, chosen, strict=True)
         }
 

@@ -92,6 +92,11 @@ class MeasuredProblem(Protocol):
         ...
 
     @property
+    def block(self) -> np.ndarray:
+        """Number (n,) of each residual's block of its log, from 1."""
+        ...
+
+    @property
     def judged(self) -> np.ndarray:
         """Whether each residual (n,) counts in the reported gap."""
         ...
@@ -102,7 +107,9 @@ class MeasuredProblem(Protocol):
         ...
 
     def gap(self, residual: np.ndarray, mask: np.ndarray | None = None) -> float:
-        """RMS of clipped residuals (n,) over a mask (default: judged)."""
+        """RMS of residuals (n,) over a mask (default: judged), each clipped at the clip of its
+        signal.
+        """
         ...
 
     def floor(self, mask: np.ndarray | None = None) -> float:
@@ -132,10 +139,23 @@ class MeasuredProblem(Protocol):
         """Judged stretches [from, to] in s, per log."""
         ...
 
+    @property
+    def clip(self) -> np.ndarray:
+        """Sigmas (signals,) at which the residuals of a gap are clipped."""
+        ...
+
+    def squared(self, residual: np.ndarray) -> np.ndarray:
+        """Clipped squares of residuals (n,); nan where a censored one does not count."""
+        ...
+
+    def rms_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
+        """RMS of each measured signal in its unit."""
+        ...
+
     def gap_by_signal(
         self, residual: np.ndarray, mask: np.ndarray | None = None
     ) -> dict[str, float]:
-        """RMS of the clipped errors of each signal in its unit."""
+        """RMS error of each signal in its unit, not clipped."""
         ...
 
     def floor_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:

@@ -30,7 +30,9 @@ class RestartRules:
     # reach: largest distance of a restart from its regular instant, for restarts every nominal_s
     search_s: float = 0.05
     nominal_s: float = 0.25
+    search_rows: float = 1.5  # the same in rows, of a slow logger
     candidates: int = 11  # instants within the reach that are compared
+    min_interval_rows: float = 8.0  # shortest interval between restarts, in rows of a slow logger
     min_rows: int = 5  # between restarts, and to the end of the log
     resume_reach: float = 1.2  # distance of the search's centre from the end of a hole, in reaches
     min_last_share: float = 0.5  # shortest time from the last restart to the end, in intervals
@@ -136,26 +138,42 @@ class Restarts:
         return true
 
 
+def restart_interval_s(time_s: np.ndarray, restart_s: float) -> float:
+    """Time between restarts of a log with rows at time_s (rows,): restart_s, or longer where the
+    logger is slow.
+    """
+    return max(restart_s, RESTART.min_interval_rows * float(np.median(np.diff(time_s))))
+
+
 def find_restarts(
-    observer: StateObserver, time_s: np.ndarray, restart_s: float, resume: Sequence[int] = ()
+    observer: StateObserver,
+    time_s: np.ndarray,
+    restart_s: float,
+    resume: Sequence[int] = (),
+    thinned: np.ndarray | None = None,
 ) -> Restarts:
     """Restarts of a log with rows at time_s (rows,). The first is row 0, at rest unless the log is
     in motion there.
 
     About every restart_s, and soon after each row of `resume` (ends of holes), the model restarts
     at the instant within reach whose state has the lowest uncertainty. Where the uncertainty of all
-    is too large (standstill, the first edges, reversals, steps) it continues without a restart.
+    is too large (standstill, the first edges, reversals, steps) it continues without a restart. No
+    restart is at the rows of the mask `thinned` (rows,), where nothing is measured.
     """
     rows, found = [0], [_first_state(observer, time_s)]
-    reach = RESTART.search_s * min(1.0, restart_s / RESTART.nominal_s)
+    reach = max(
+        RESTART.search_s * min(1.0, restart_s / RESTART.nominal_s),
+        RESTART.search_rows * float(np.median(np.diff(time_s))),
+    )
     count = int((time_s[-1] - time_s[0]) / restart_s - RESTART.min_last_share)
     regular = [time_s[0] + k * restart_s for k in range(1, count + 1)]
     after_holes = [time_s[row] + RESTART.resume_reach * reach for row in resume]
     for centre in sorted(regular + after_holes):
         shifts = reach * np.linspace(-1.0, 1.0, RESTART.candidates)
-        candidates = [int(np.searchsorted(time_s, centre + shift)) for shift in shifts]
+        candidates = sorted({int(np.searchsorted(time_s, centre + shift)) for shift in shifts})
         first, last = rows[-1] + RESTART.min_rows, len(time_s) - RESTART.min_rows
         allowed = [row for row in candidates if first < row < last]
+        allowed = allowed if thinned is None else [row for row in allowed if not thinned[row]]
         best = _best_known(observer, time_s, allowed)
         if best is not None:
             rows.append(best[0])
@@ -198,7 +216,7 @@ def _first_state(observer: StateObserver, time_s: np.ndarray) -> State:
     for k, seen in enumerate((observer.current, observer.speed)):
         if seen is None or len(seen.value) < count:
             continue
-        if seen.end_s[0] > time_s[0] + LOCAL_FIT.max_distance_s:
+        if seen.end_s[0] > time_s[0] + seen.max_distance_s:
             continue
         middle = 0.5 * (seen.start_s + seen.end_s)[:count]
         line = np.polyfit(middle - time_s[0], seen.value[:count], 1)

@@ -74,7 +74,9 @@ def _observed_speed(
     if edges is not None or channel is None:
         return None, lambda t: rest
     sigma = channel.sigma * RAD_S_PER_RPM
-    speed = Observations(channel.time_s, channel.time_s, channel.measured * RAD_S_PER_RPM, sigma)
+    interval_s = float(np.median(np.diff(log.time_s)))
+    measured = channel.measured * RAD_S_PER_RPM
+    speed = Observations(channel.time_s, channel.time_s, measured, sigma, interval_s=interval_s)
     gained = 0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s)
     angle = rest + np.concatenate([[0.0], np.cumsum(gained)])
     return speed, _interpolated(speed.start_s, angle)
@@ -131,6 +133,7 @@ def _from_position(log: CleanLog) -> tuple[Observations, AngleAt]:
         time_s[known[1:]],
         np.diff(position[known]) / length,
         np.sqrt(2.0) * sigma / length,
+        interval_s=float(np.median(np.diff(time_s))),
     )
     return speed, _interpolated(time_s[known], position[known])
 

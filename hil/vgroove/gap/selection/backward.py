@@ -10,7 +10,7 @@ from vgroove.gap.catalogue import equations, equations_and_sensors
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_without, hypotheses_near, ids_without
 from vgroove.gap.selection.limits import STEPWISE
-from vgroove.gap.selection.search_state import COMPARISON, Search
+from vgroove.gap.selection.search_state import Search
 
 
 def backward(search: Search, best: Fit) -> Fit:
@@ -70,18 +70,15 @@ def acts_elsewhere(search: Search, best: Fit, leaner: Fit) -> bool:
     """
     removed = frozenset().union(*map(equations, set(best.ids) - set(leaner.ids)))
     gain = search.score(leaner) - search.score(best)
-    part = STEPWISE.min_part_elsewhere * (search.score(leaner) - search.noise_power())
+    part = STEPWISE.min_part_elsewhere * (search.score(leaner) - 1.0)
     return not removed & frozenset().union(*map(equations_and_sensors, leaner.ids)) and gain > part
 
 
 def exceeds_form_error(search: Search, best: Fit, leaner: Fit, share: float) -> bool:
     """Whether a set gains more than a share of what a leaner one closes, over all signals or in one
     of them: the form error of an effect is large only in the signals in which the effect is large.
-
-    Residuals are clipped as in the reported gap, also where the search has widened its clip.
     """
-    clip = COMPARISON.clip_sigma
-    left, more, alone = (search.loss_by_signal(f, clip) for f in (best, leaner, search.retuned))
+    left, more, alone = (search.loss_by_signal(f) for f in (best, leaner, search.retuned))
     beyond = more - left - share * np.maximum(alone - more, 0.0)
     return bool(
         np.sum(more - left) > share * np.sum(alone - more)

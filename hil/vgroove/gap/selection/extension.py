@@ -40,13 +40,11 @@ class RankedExtensions:
 
     base: Fit
     exact: bool
-    clip_sigma: float
     fits: list[Fit]
 
-    def holds_for(self, search: Search, base: Fit) -> bool:
-        """Whether they were computed for this base set in this state of the search."""
-        state = (base.exact, search.clip_sigma)
-        return self.base is base and (self.exact, self.clip_sigma) == state
+    def holds_for(self, base: Fit) -> bool:
+        """Whether they were computed for this base set in its present state."""
+        return self.base is base and self.exact == base.exact
 
 
 def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[Fit]:
@@ -56,13 +54,13 @@ def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[F
     rest. The fits keep no Jacobian, because they are many.
     """
     known = search.cache.extensions.get(key(base.ids))
-    if known is None or not known.holds_for(search, base):
+    if known is None or not known.holds_for(base):
         found = heapq.nsmallest(
             MAX_EXTENSIONS,
             (first_order(search, base, one) for one in added_effects(search, base)),
             key=search.score,
         )
-        known = RankedExtensions(base, base.exact, search.clip_sigma, found)
+        known = RankedExtensions(base, base.exact, found)
         search.cache.extensions[key(base.ids)] = known
     return known.fits[:count]
 

@@ -11,24 +11,22 @@ from vgroove.gap.selection.search_state import COMPARISON, Search, key, rescale
 
 
 def forward(search: Search) -> tuple[Search, Fit]:
-    """The search, with its clip computed again where the set came near the noise, and the last of a
-    sequence of growing sets of which each is better than the one before; the retuned fit where no
-    effect is better.
+    """The search, rescaled after each step, and the last of a sequence of growing sets of which
+    each is better than the one before; the retuned fit where no effect is better.
     """
     best = best_single(search)
     if not is_visibly_better(search, best):
         pair = grow(search, best)
         found = pair is not None and is_visibly_better(search, pair)
         return search, pair if found else search.retuned
-    while len(best.ids) < STEPWISE.max_effects:
+    while len(best.ids) < STEPWISE.max_effects and leaves_enough(search, best):
         larger = grow(search, best)
         if larger is not None and not search.is_better(larger, best):
             larger = add_two(search, best, larger)
         if larger is None:
             break
         best = larger
-        if search.score(best) < STEPWISE.near_noise**2:
-            search = rescale(search)
+        search = rescale(search)
     return search, best
 
 
@@ -65,6 +63,20 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
     search.fit_and_keep(distinct_hypotheses(candidates))
     both = prefer_special_cases(search, search.ranked(len(larger.ids) + 1)[0], base)
     return both if search.is_better(both, base, 2.0 * COMPARISON.min_gain) else None
+
+
+def leaves_enough(search: Search, base: Fit) -> bool:
+    """Whether a set of the torque balance is extended; along a forward simulation a set is extended
+    down to the noise.
+    """
+    return search.gap_problem is None or leaves_established_share(search, base)
+
+
+def leaves_established_share(search: Search, base: Fit) -> bool:
+    """Whether a further member could gain the share that an established one needs, over all signals
+    or in one alone.
+    """
+    return search.is_substantial(search.loss_by_signal(base) - search.floor_by_signal)
 
 
 def leaves_enough_for_two(search: Search, base: Fit) -> bool:
@@ -112,4 +124,4 @@ def close_rivals(search: Search, base: Fit) -> list[Fit]:
 
 def leaves_nothing(search: Search, base: Fit) -> bool:
     """Whether base leaves less above the noise than the minimum effect size."""
-    return search.score(base) < (1.0 + COMPARISON.min_gain) * search.noise_power()
+    return search.score(base) < (1.0 + COMPARISON.min_gain)

@@ -20,7 +20,7 @@ from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
-from vgroove.gap.selection.search_state import COMPARISON, Search, reported_gap
+from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.rig import Rig
 
 
@@ -97,6 +97,8 @@ def best_estimate(search: Search, shown: Fit) -> Estimate:
     """Parameter values of a fit over long stretches where these can be used, else of the fit with
     the restarts of the search.
     """
+    if search.gap_problem is not None:
+        return estimate_of(search, shown)
     return estimate_over_long_stretches(search.engine, shown) or estimate_of(search, shown)
 
 
@@ -153,7 +155,7 @@ def in_catalogue_form(search: Search, best: Fit) -> Fit:
     hypothesis = replace(best.hypothesis, start=best.x, fixed=fixed)
     again = search.engine.fit([hypothesis], COMPARISON.max_rounds)[0]
     predict_held_out(search.engine, [again])
-    more = reported_gap(search.problem, again) - reported_gap(search.problem, best)
+    more = search.reported_gap(again) - search.reported_gap(best)
     return again if more <= ESTIMATE.max_form_gap else best
 
 

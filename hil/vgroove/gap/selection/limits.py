@@ -16,8 +16,6 @@ class StepwiseLimits:
     """
 
     max_effects: int = 4  # members of a set
-    # gap, in units of the noise's RMS, below which the clip of the residuals is computed again
-    near_noise: float = 2.0
     # Largest form error, as a share of what an effect closes: a form that deviates by about a
     # quarter of the effect leaves about (1/4)^2 of its squared gap. A member that gains less may
     # only correct the form of another.

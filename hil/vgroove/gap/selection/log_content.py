@@ -15,6 +15,7 @@ MIN_TIME_EACH_WAY = 0.05  # share of the moving rows in each direction for both 
 # inertia behind the gear, as a share of the rotor's, below which a log cannot contain its effects
 MIN_REFLECTED_INERTIA = 0.01
 STALL_SHARE = 0.3  # assumed magnitude of a current that is not logged, as a share of stall current
+UNKNOWN_CLOCK_PPM = 20000.0  # docs/spec/gap.md, section 2
 ROWS_OF_DELAY = 1.5  # row intervals below which a delay may be the logger's convention
 
 
@@ -106,6 +107,7 @@ def effect_scales(problem: Problem) -> Scales:
         duration=float(max(t[-1] - t[0] for t in times)),
         interval=interval,
         least_delay=least_delay,
+        clock=1e-6 * rig.sensors.get("clock_ppm", UNKNOWN_CLOCK_PPM),
         pwm_hz=rig.bridge.get("pwm_hz", 20000.0),
         supply_ohm=rig.supply.get("resistance_ohm", 0.0),
     )

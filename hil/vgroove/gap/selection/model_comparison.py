@@ -12,8 +12,6 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import norm, t
 
-from vgroove.gap.fitting.hypothesis import Fit
-
 
 @dataclass(frozen=True)
 class BootstrapLimits:
@@ -193,6 +191,6 @@ def small_sample_factor(count: int, level: float) -> float:
     return float(t.ppf(quantile, count - 1) / norm.ppf(quantile) * np.sqrt(count / (count - 1.0)))
 
 
-def clipped_squares(one: Fit, clip_sigma: float) -> np.ndarray:
-    """Squares (n,) of the held-out residuals, each residual clipped at clip_sigma."""
-    return np.minimum(np.abs(one.out_of_fold), clip_sigma) ** 2
+def clipped_squares(residual: np.ndarray, clip_sigma: float) -> np.ndarray:
+    """Squares of residuals (n,), each residual clipped at clip_sigma."""
+    return np.minimum(np.abs(residual), clip_sigma) ** 2

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class DiagnosisOptions:
     """seed: of the bootstrap; without: ids of effects that are excluded from the catalogue;
-    progress: is called with a text at each stage.
+    progress: is called with a text at each stage; from_s, to_s: range in s of each log's own time
+    column outside of which no row is used (None: no bound).
     """
 
     seed: int = 0
     without: Sequence[str] = ()
     progress: Callable[[str], None] = lambda _: None
+    from_s: float | None = None
+    to_s: float | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.catalogue import FRICTION_LAWS, LESS_LIKELY, contains
+from vgroove.gap.catalogue import BY_ID, FRICTION_LAWS, LESS_LIKELY, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.backward import backward, drop_form_corrections
 from vgroove.gap.selection.candidate_sets import (
@@ -21,6 +21,9 @@ from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import bootstrap_means
 from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key
 from vgroove.gap.selection.single_effects import align_to_selection, fit_single_effects
+
+MIN_PRIOR = 0.01  # smallest density of a plausible size, relative to that at 0
+MIN_PRIOR_ODDS = 3.0  # of two tied sets, by which their sizes decide
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,10 @@ def tied_rivals(search: Search, best: Fit) -> list[Fit]:
         for f in pool
         if len(f.ids) <= len(best.ids) and is_valid(f) and not contains(f.ids, best.ids)
     ]
-    return sorted((f for f in pool if search.is_tied(f, best)), key=search.score)
+    tied = sorted((f for f in pool if search.is_tied(f, best)), key=search.score)
+    if is_implausible(search, best):
+        return tied
+    return [f for f in tied if not is_implausible(search, f)]
 
 
 def leanest_tied(search: Search, best: Fit) -> Fit:
@@ -159,26 +165,50 @@ def is_as_good(search: Search, one: Fit, best: Fit) -> bool:
 
 
 def is_preferred(search: Search, one: Fit, best: Fit) -> bool:
-    """Whether a set is preferred to the best one by preference(); the number of less likely effects
-    decides only where the gaps of both are equal up to chance.
+    """Whether a set is preferred to the best one by preference(); among sets of as many parameters
+    the prior of their sizes decides, then, where the gaps of both are equal up to chance, the
+    number of less likely effects.
     """
     mine, its = preference(search, one), preference(search, best)
-    return mine[:2] < its[:2] or mine < its and search.equal_up_to_chance(one, best)
+    if mine[:2] != its[:2]:
+        return mine[:2] < its[:2]
+    odds = prior_density(search, one) / prior_density(search, best)
+    if odds > MIN_PRIOR_ODDS or odds < 1.0 / MIN_PRIOR_ODDS:
+        return odds > 1.0
+    return mine < its and search.equal_up_to_chance(one, best)
 
 
 def preference(search: Search, one: Fit) -> tuple[bool, int, int]:
-    """Sort key among tied sets, smallest first: contradicted by the scale of the Hall edges, number
-    of parameters, number of less likely effects.
+    """Sort key among tied sets, smallest first: contradicted by the scale of the Hall edges or of
+    implausible size, number of parameters, number of less likely effects.
     """
     rare = sum(i in LESS_LIKELY for i in one.ids)
-    return search.contradicts_edge_scale(one), one.hypothesis.count, rare
+    doubtful = search.contradicts_edge_scale(one) or is_implausible(search, one)
+    return doubtful, one.hypothesis.count, rare
+
+
+def is_implausible(search: Search, one: Fit) -> bool:
+    """Whether the sizes of a set have less than a hundredth of their prior density at 0."""
+    return prior_density(search, one) < MIN_PRIOR
+
+
+def prior_density(search: Search, one: Fit) -> float:
+    """Prior density of the sizes of a set's members, relative to that at 0: for each Student's t of
+    3 degrees of freedom in units of the size that the catalogue calls plausible.
+    """
+    theta, scales = one.theta(search.problem.theta0), search.engine.scales
+    density = 1.0
+    for effect in (BY_ID[i] for i in one.ids):
+        value = float(theta[search.problem.index(effect.name(effect.leading))])
+        density *= (1.0 + effect.oddity(value, scales) ** 2 / 3.0) ** -2.0
+    return max(density, np.finfo(float).tiny)
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:
     """Share (k,) of the bootstrap samples in which each candidate set has the smallest squared gap,
     with half the minimum effect size added for each parameter.
     """
-    penalty = 0.5 * COMPARISON.min_gain * search.noise_power()
+    penalty = 0.5 * COMPARISON.min_gain
     means = np.stack(
         [
             bootstrap_means(search.blocks, search.block_losses(f)) + penalty * f.hypothesis.count

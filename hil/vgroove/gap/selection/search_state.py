@@ -7,16 +7,16 @@ if its held-out gain is significant under the block bootstrap and larger than a 
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from vgroove.gap.catalogue import CONVENTIONS_AT_LOWER_BOUND, Effect
-from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
-from vgroove.gap.residual.agreement import CLIP_SIGMAS
+from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, noise_ratio
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection.model_comparison import (
@@ -35,11 +35,12 @@ from vgroove.gap.selection.options import DiagnosisOptions
 @dataclass(frozen=True)
 class ComparisonLimits:
     """Thresholds by which the search compares fits. A gap is in units of the noise's RMS, a squared
-    gap in units of its power. Chosen on the tuning half of the blind set (docs/gap_bench.md) unless
-    a source is stated.
+    gap in units of its power; noise is that of the sensors, or sensors and model discrepancy
+    together where rescale() has widened the standard deviation. Chosen on the tuning half of the
+    blind set (docs/gap_bench.md) unless a source is stated.
     """
 
-    clip_sigma: float = CLIP_SIGMAS  # residuals are clipped here (docs/spec/gap.md, section 5)
+    clip_sigma: float = MIN_CLIP_SIGMAS  # residuals are clipped here when two fits are compared
     visible_gap: float = 0.1  # smallest gap above the noise (docs/spec/gap.md, section 5)
     # minimum effect size: squared gap that one more effect must close, as a share of the noise
     # power, plus a share of the squared gap above the noise
@@ -55,11 +56,14 @@ class ComparisonLimits:
     # share of a large gap that a set must close whichever block is left out
     nearly_all: float = 0.9
     min_scale_share: float = 0.5  # share of an edge clock's scale error that a set must explain
+    # squared gap that an established member gains, as a share of what retuning leaves above the
+    # sensors' noise (docs/spec/gap.md, section 5)
+    min_established_share: float = 0.1
     bound_margin: float = 1.02  # a parameter below this multiple of its lower bound is at the bound
     near_best: float = 1.5  # squared gaps up to this multiple of the best are fitted to convergence
     max_rounds: int = 12  # Gauss-Newton rounds until convergence; most fits need four
-    # robust standard deviation of the best fit's residuals, sigma, above which the clip grows in
-    # proportion to it
+    # 95 % quantile of the best fit's residuals in a signal, divided by that of noise, above which
+    # rescale() widens the signal's standard deviation, so that the ratio becomes this one
     far_from_noise: float = 2.0
     block_correlation_times: float = 3.0  # length of a bootstrap block, in correlation times
     max_block_restarts: float = 2.0  # and its upper bound, in restart intervals
@@ -83,12 +87,14 @@ class SearchCache:
     refitted_leaner: the last set whose subsets were fitted from its parameter values.
     slopes: the largest set whose extensions were differentiated, with the slopes (n, new) of each.
     extensions: the best first-order extensions of a set, by key() of its ids.
+    gap_residuals: by id() of a fit, the fit and its held-out residuals in the forward simulation.
     """
 
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     refitted_leaner: Fit | None = None
     slopes: tuple[Fit, list[tuple[Hypothesis, np.ndarray]]] | None = None
     extensions: dict[tuple[str, ...], Any] = field(default_factory=dict)
+    gap_residuals: dict[int, tuple[Fit, np.ndarray]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,8 +102,10 @@ class Search:
     """A search over sets of effects on one problem.
 
     effects: those that may be selected; without: ids that the user excluded; nominal: the model as
-    the rig states it; retuned: the same with its tolerated keys refitted; clip_sigma: where
-    residuals are clipped; seed: of the bootstrap; progress: receives a text at each stage.
+    the rig states it; retuned: the same with its tolerated keys refitted; seed: of the bootstrap;
+    progress: receives a text at each stage; gap_problem: the problem of the forward simulation,
+    whose residuals are the reported gap, where the engine fits another comparison (None: the
+    engine's own).
     """
 
     engine: Engine
@@ -106,15 +114,37 @@ class Search:
     nominal: Fit
     retuned: Fit
     seed: int = 0
-    clip_sigma: float = COMPARISON.clip_sigma
     without: frozenset[str] = frozenset()
     progress: Callable[[str], None] = lambda _: None
     cache: SearchCache = field(default_factory=SearchCache)
+    gap_problem: MeasuredProblem | None = None
 
     @property
     def problem(self) -> MeasuredProblem:
-        """The measured problem as it was loaded."""
+        """The measured problem whose residuals are fitted and compared, as it was loaded."""
         return self.engine.problem
+
+    @property
+    def simulated(self) -> MeasuredProblem:
+        """The problem of the forward simulation, whose residuals are the reported gap."""
+        return self.problem if self.gap_problem is None else self.gap_problem
+
+    def gap_residual(self, one: Fit) -> np.ndarray:
+        """Held-out residuals (n,) of a fit in the forward simulation, in sigmas of the sensors."""
+        if self.gap_problem is None:
+            return one.out_of_fold * self.engine.discrepancy
+        known = self.cache.gap_residuals.get(id(one))
+        if known is None or known[0] is not one:
+            known = one, held_out_simulation(self.engine, one, self.gap_problem)
+            self.cache.gap_residuals[id(one)] = known
+        return known[1]
+
+    def reported_gap(self, one: Fit) -> float:
+        """Gap of a fit's held-out residuals in the forward simulation, over the judged rows
+        (docs/spec/gap.md, section 5).
+        """
+        problem = self.simulated
+        return float(problem.gap(self.gap_residual(one), problem.judged))
 
     @property
     def fits(self) -> dict[tuple[str, ...], Fit]:
@@ -134,43 +164,80 @@ class Search:
 
     def block_losses(self, one: Fit) -> np.ndarray:
         """Sum of the clipped squared held-out residuals of each bootstrap block (blocks,)."""
-        return block_sums(self.blocks, clipped_squares(one, self.clip_sigma))
+        return block_sums(self.blocks, clipped_squares(one.out_of_fold, COMPARISON.clip_sigma))
 
-    def loss_by_signal(self, one: Fit, clip_sigma: float) -> np.ndarray:
+    def loss_by_signal(self, one: Fit) -> np.ndarray:
         """Part of each signal in the squared held-out gap (signals,)."""
-        weights = np.where(self.blocks.tested, clipped_squares(one, clip_sigma), 0.0)
+        weights = np.where(
+            self.blocks.tested, clipped_squares(one.out_of_fold, COMPARISON.clip_sigma), 0.0
+        )
         return np.bincount(self.problem.signal, weights=weights) / self.blocks.total
 
     def score(self, one: Fit) -> float:
-        """Squared held-out gap over all blocks, in units of the noise power."""
+        """Squared held-out gap over all blocks of the fitted comparison, in units of the noise
+        power.
+        """
         return float(self.block_losses(one).sum()) / self.blocks.total
 
     def reported_score(self, one: Fit) -> float:
-        """Squared held-out gap over the judged blocks alone (docs/spec/gap.md, section 5)."""
-        return reported_gap(self.problem, one) ** 2
+        """Square of reported_gap()."""
+        return self.reported_gap(one) ** 2
 
-    def noise_power(self) -> float:
-        """Squared gap that is taken as noise: 1, or more where the best fit is far from the noise
-        and rescale() has widened the clip.
+    def discrepancy(self, signal: int) -> float:
+        """Factor by which rescale() has widened the standard deviation of a signal."""
+        mine = self.engine.discrepancy[self.problem.signal == signal]
+        return float(mine[0]) if len(mine) else 1.0
+
+    @cached_property
+    def sample_shares(self) -> np.ndarray:
+        """Share of each signal (signals,) in the samples that count."""
+        counts = self.blocks.tested & ~self.problem.censored
+        number = np.bincount(self.problem.signal[counts], minlength=len(self.problem.signals))
+        return number / max(self.blocks.total, 1.0)
+
+    def is_substantial(self, part: np.ndarray) -> bool:
+        """Whether a part (signals,) of the squared gap is the share of what retuning leaves above
+        the sensors' noise that an established member gains (docs/spec/gap.md, section 5): over all
+        signals, or in one in which it exceeds the minimum effect size.
         """
-        return (self.clip_sigma / COMPARISON.clip_sigma) ** 2
+        above = np.maximum(self.loss_by_signal(self.retuned) - self.floor_by_signal, 0.0)
+        visible = part > COMPARISON.min_gain * self.sample_shares
+        share = COMPARISON.min_established_share
+        return bool(
+            np.sum(part) >= share * np.sum(above) or np.any((part >= share * above) & visible)
+        )
+
+    @cached_property
+    def floor_by_signal(self) -> np.ndarray:
+        """Part of each signal (signals,) in floor_power."""
+        counts = self.blocks.tested & ~self.problem.censored
+        weights = np.where(counts, self.engine.discrepancy**-2.0, 0.0)
+        return np.bincount(
+            self.problem.signal, weights=weights, minlength=len(self.problem.signals)
+        ) / max(self.blocks.total, 1.0)
+
+    @cached_property
+    def floor_power(self) -> float:
+        """Squared gap that a model without error leaves: the power of the sensors' noise, 1, or less
+        where rescale() has widened the standard deviation of a signal.
+        """
+        counts = self.blocks.tested & ~self.problem.censored
+        return float(np.mean(self.engine.discrepancy[counts] ** -2.0)) if counts.any() else 1.0
 
     def excess_power(self, one: Fit) -> float:
         """Squared gap that a set leaves above the noise."""
-        return self.score(one) - self.noise_power()
+        return self.score(one) - 1.0
 
     def min_gain(self, leaner: Fit, share: float = COMPARISON.min_gain) -> float:
         """Minimum effect size: squared gap that a fuller set must close of what a leaner one
         leaves. share: of the noise power.
         """
-        return share * self.noise_power() + COMPARISON.min_gain_share * max(
-            0.0, self.score(leaner) - self.noise_power()
-        )
+        return share + COMPARISON.min_gain_share * max(0.0, self.score(leaner) - 1.0)
 
     def equal_up_to_chance(self, one: Fit, other: Fit) -> bool:
         """Whether the losses of two sets differ by no more than one parameter gains by chance."""
         difference = float(self.block_losses(one).sum() - self.block_losses(other).sum())
-        return abs(difference) <= COMPARISON.chance_gain * self.noise_power()
+        return abs(difference) <= COMPARISON.chance_gain
 
     def is_tied(self, one: Fit, best: Fit) -> bool:
         """Whether a set predicts the held-out rows as well as the best: the 95 % interval of the
@@ -191,7 +258,7 @@ class Search:
 
     def loss_bound(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
         """Lower confidence bound of the squared gap that the worse fit loses on this very run."""
-        clip = self.clip_sigma
+        clip = COMPARISON.clip_sigma
         return fixed_design_bound(
             self.blocks, *(np.clip(f.out_of_fold, -clip, clip) for f in (worse, better)), level
         )
@@ -251,7 +318,7 @@ class Search:
         (jackknife); a short log has too few blocks for a significant bootstrap.
         """
         noise, more, left = (
-            self.noise_power() * self.blocks.rows,
+            self.blocks.rows,
             self.block_losses(leaner),
             self.block_losses(fuller),
         )
@@ -265,19 +332,19 @@ class Search:
         """Whether a set closes at least the smallest visible gap; an effect that closes less cannot
         be named.
         """
-        noise, left = np.sqrt(self.noise_power()), np.sqrt(self.score(one))
+        noise, left = np.sqrt(self.floor_power), np.sqrt(self.score(one))
         before = np.sqrt(self.score(self.retuned))
         return bool(before - min(noise, left) >= COMPARISON.visible_gap * noise)
 
     def leaves_gap(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap."""
-        return self.score(one) >= (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power()
+        return self.score(one) >= (1.0 + COMPARISON.visible_gap) ** 2
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap in most bootstrap samples, so that the gap does not
         come from a few blocks in which one event happened.
         """
-        noise = (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power() * self.blocks.rows
+        noise = (1.0 + COMPARISON.visible_gap) ** 2 * self.floor_power * self.blocks.rows
         above = self.block_losses(one) - noise
         return difference_interval(self.blocks, above, COMPARISON.likely)[0] > 0.0
 
@@ -308,9 +375,18 @@ class Search:
         return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
 
 
-def reported_gap(problem: MeasuredProblem, one: Fit) -> float:
-    """Gap of held-out residuals over the judged rows (docs/spec/gap.md, section 5)."""
-    return float(problem.gap(one.out_of_fold, problem.judged))
+def held_out_simulation(engine: Engine, one: Fit, problem: MeasuredProblem) -> np.ndarray:
+    """Residuals (n,) of another problem on the same logs; the rows of each fold are simulated with
+    the fit to the other folds.
+    """
+    points = one.x + engine.fold_steps(one) if len(one.x) else np.zeros((len(problem.folds), 0))
+    low, high = one.hypothesis.low, one.hypothesis.high
+    theta = one.hypothesis.theta(problem.theta0, np.clip(points, low, high))
+    rows = problem.residuals(theta)
+    out = rows[0].copy()
+    for (_, test), row in zip(problem.folds, rows, strict=True):
+        out[test] = row[test]
+    return out
 
 
 def is_valid(one: Fit) -> bool:
@@ -328,8 +404,15 @@ def key(ids: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted(ids))
 
 
-def begin(engine: Engine, effects: list[Effect], options: DiagnosisOptions) -> Search:
-    """A search with the nominal and the retuned fit and its bootstrap blocks."""
+def begin(
+    engine: Engine,
+    effects: list[Effect],
+    options: DiagnosisOptions,
+    gap_problem: MeasuredProblem | None = None,
+) -> Search:
+    """A search with the nominal and the retuned fit and its bootstrap blocks. gap_problem: the
+    problem of the reported gap, where it is not the engine's.
+    """
     options.progress("fitting the rig's tolerated values")
     empty, problem = Hypothesis((), (), np.zeros(0)), engine.problem
     nominal = engine.fit([empty], 0)[0]
@@ -351,20 +434,50 @@ def begin(engine: Engine, effects: list[Effect], options: DiagnosisOptions) -> S
         without=frozenset(options.without),
         progress=options.progress,
         cache=SearchCache({(): retuned}),
+        gap_problem=gap_problem,
     )
 
 
 def rescale(search: Search) -> Search:
-    """The search with its clip in proportion to the residuals of the best fit, where even these are
-    far from the noise (real machines): with a clip at 10 sigma the squared gaps of all models would
-    be equal.
+    """The search with the standard deviation of each signal widened where even the best fit leaves
+    residuals far above the sensors' noise, as on measured machines: it then holds noise and model
+    discrepancy together (Kennedy and O'Hagan, Journal of the Royal Statistical Society B 63 (2001)
+    425). All known fits are converted to it.
+
+    The factor of a signal is the 95 % quantile of the best fit's absolute residuals, divided by
+    that of unit noise and by far_from_noise, and at least 1.
     """
-    tested = search.blocks.tested
-    medians = {k: np.median(np.abs(f.out_of_fold[tested])) for k, f in search.fits.items()}
-    left = MAD_TO_SIGMA * float(min(medians.values()))
-    return replace(
-        search, clip_sigma=COMPARISON.clip_sigma * max(1.0, left / COMPARISON.far_from_noise)
-    )
+    best = min(search.fits.values(), key=lambda one: cauchy_loss(search, one))
+    discrepancy = discrepancy_of(search, best)
+    ratio = search.engine.discrepancy / discrepancy
+    if np.all(ratio == 1.0):
+        return search
+    engine = search.engine.with_discrepancy(discrepancy)
+    for one in {id(f): f for f in (search.nominal, search.retuned, *search.fits.values())}.values():
+        engine.rescale_fit(one, ratio)
+    cache = SearchCache(search.fits, gap_residuals=search.cache.gap_residuals)
+    return replace(search, engine=engine, cache=cache)
+
+
+def cauchy_loss(search: Search, one: Fit) -> float:
+    """Mean negative logarithm of Cauchy's density at the held-out residuals: a loss without a clip,
+    which ranks fits whose residuals are all far from the noise.
+    """
+    return float(np.mean(np.log1p(one.out_of_fold[search.blocks.tested] ** 2)))
+
+
+def discrepancy_of(search: Search, best: Fit) -> np.ndarray:
+    """Factor (n,), equal within a signal, on the sensors' standard deviation of each residual, from
+    what a fit leaves.
+    """
+    problem = search.problem
+    size = np.abs(best.out_of_fold * search.engine.discrepancy)
+    counts = search.blocks.tested & ~problem.censored
+    out = np.ones(problem.n)
+    for k in range(len(problem.signals)):
+        mine = problem.signal == k
+        out[mine] = max(1.0, noise_ratio(size[mine & counts]) / COMPARISON.far_from_noise)
+    return out
 
 
 def reblock(search: Search) -> Search:

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.catalogue import PERIODIC
+from vgroove.gap.catalogue import BY_ID, PERIODIC
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.extension import AddedEffect, differentiate_added
+from vgroove.gap.selection.model_comparison import clipped_squares
 from vgroove.gap.selection.search_state import COMPARISON, Search, key, reblock, rescale
 
 
@@ -35,6 +36,7 @@ class StartLimits:
     ripple_sizes: tuple[float, ...] = (3.0, 8.0)  # amplitudes that are screened, in typical sizes
     ripple_phases: int = 8  # phases that are screened, evenly over a turn
     tiny_ripple: float = 1e-3  # amplitude at which a ripple's slopes are taken, in typical sizes
+    max_widenings: int = 2  # of the bounds of the search at which a fit ends
     # gain that a periodic effect must have with aligned angles: squared sigmas, and ratio to the
     # largest gain of any effect without alignment
     min_alignment_gain: float = 100.0
@@ -60,12 +62,35 @@ def fit_single_effects(search: Search) -> Search:
         for e in search.effects
     ]
     search.fit_and_keep(best_brief_starts(search, starts), COMPARISON.max_rounds)
+    refit_at_wider_bounds(search)
     search = align_to_best_single(search)
     for effect in search.effects:
         many = len(search.engine.hypotheses([effect])) > STARTS.max_unscreened
         if many and not effect.has_phase:
             search.engine.remember(search.fits[(effect.id,)])
     return reblock(rescale(search))
+
+
+def refit_at_wider_bounds(search: Search) -> None:
+    """Fit the effects again whose numbers end at a bound of the search, with wider bounds."""
+    for _ in range(STARTS.max_widenings):
+        fits = [search.fits[(e.id,)] for e in search.effects]
+        again = [one for one in fits if search.engine.builder.widen(one)]
+        if not again:
+            return
+        for one in again:
+            del search.fits[one.ids]
+        search.fit_and_keep([near_start(search, one) for one in again], COMPARISON.max_rounds)
+
+
+def near_start(search: Search, one: Fit) -> Hypothesis:
+    """The hypothesis of a fit within the present bounds, started at the fit."""
+    same = [
+        h
+        for h in search.engine.hypotheses([BY_ID[i] for i in one.ids])
+        if h.fixed == one.hypothesis.fixed
+    ][0]
+    return replace(same, start=np.clip(one.x, same.low, same.high))
 
 
 def best_brief_starts(search: Search, starts: list[list[Hypothesis]]) -> list[Hypothesis]:
@@ -241,8 +266,8 @@ def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
 def least_costly(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     """The STARTS.screened starts with the smallest sum of clipped squared residuals, not fitted."""
     shown = search.engine.residuals_of_jobs([(h, h.start[None, :]) for h in starts])
-    train, clip = search.engine.train, search.clip_sigma
-    cost = [float((np.minimum(np.abs(row[train]), clip) ** 2).sum()) for (row,) in shown]
+    train, clip = search.engine.train, COMPARISON.clip_sigma
+    cost = [float(clipped_squares(row[train], clip).sum()) for (row,) in shown]
     return [starts[k] for k in np.argsort(cost, kind="stable")[: STARTS.screened]]
 
 

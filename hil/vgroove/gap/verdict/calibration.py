@@ -29,7 +29,7 @@ def name_evidence(search: Search, best: Fit, effect_id: str) -> NameEvidence:
     nearly 0.
     """
     after = search.score(best)
-    noise = min(search.floor**2 * search.noise_power(), after)
+    noise = min(1.0, after)
     left = after - noise + COMPARISON.min_gain * noise
     rival = strongest_without(search, best, effect_id)
     margin = max(0.0, search.score(rival) - after)

@@ -1,5 +1,5 @@
-"""The decision: none, effect, ambiguous or unlisted, from the selected set, its rivals and what the
-set leaves (docs/spec/gap.md, section 5).
+"""The decision: none, effect, partial, ambiguous or unlisted, from the selected set, its rivals and
+what the set leaves (docs/spec/gap.md, section 5).
 """
 
 from dataclasses import dataclass
@@ -8,9 +8,11 @@ from vgroove.gap.catalogue import SPECIAL_CASES
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.intervals import in_catalogue_form
-from vgroove.gap.selection.search import Selection
-from vgroove.gap.selection.search_state import COMPARISON, Search
-from vgroove.gap.verdict.remainder import Remainder
+from vgroove.gap.selection.search import Selection, tied_rivals
+from vgroove.gap.selection.search_state import COMPARISON, Search, key
+from vgroove.gap.verdict.covariates import Covariates
+from vgroove.gap.verdict.established import established_set, is_established_rival
+from vgroove.gap.verdict.remainder import Remainder, remaining
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,8 @@ class DecisionLimits:
     """
 
     # Least share that a set closes (docs/spec/gap.md, section 5): one effect of the gap before
-    # retuning; several, which together imitate more, of the gap that retuning leaves.
+    # retuning; several, which together imitate more, of the gap that retuning leaves. The first one
+    # also divides the verdicts partial and effect.
     min_closed: tuple[float, ...] = (0.7, 0.85, 0.9, 0.9)
     min_closed_beyond_retuning: float = 0.5  # least share that one effect closes of the latter
     # Least share that a set of several effects closes if it leaves a visible gap. Effects that are
@@ -48,26 +51,77 @@ class Finding:
     @property
     def names_effects(self) -> bool:
         """Whether the verdict names the effects of the best set."""
-        return self.verdict in ("effect", "ambiguous")
+        return self.verdict in ("effect", "partial", "ambiguous")
 
 
-def decide(selection: Selection, remainder: Remainder) -> Finding:
+def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -> Finding:
     """The verdict from the selected set, its rivals and the remainder.
 
-    A doubtful set is replaced by a member that closes enough alone: the gain of the others is taken
-    as its form error.
+    A set that leaves no significant remainder is named as it was selected. Of any other set the
+    established members are named, with further effects that are established beside them. Where
+    nothing is established, the set is named if it closes enough, and the gap is unlisted otherwise.
     """
-    search, best, rivals = selection.search, selection.best, selection.rivals
-    if not best.ids:
-        unlisted = is_unlisted_gap(search, best, remainder)
-        return Finding("unlisted" if unlisted else "none", best, [], remainder)
-    doubtful = remainder.significant and is_doubtful(search, best)
-    single = sufficient_member(search, best) if doubtful else None
-    if single is not None and not stands_for_excluded(search, single):
-        return Finding("effect", single, [], remainder)
-    if doubtful or stands_for_excluded(search, best):
+    search, best = selection.search, selection.best
+    if best.ids and stands_for_excluded(search, best):
         return Finding("unlisted", best, [], remainder)
-    return Finding("ambiguous" if rivals else "effect", best, rivals, remainder)
+    if not remainder.significant or (best.ids and not leaves_visible_gap(search, best)):
+        return without_remainder(selection, remainder)
+    if not best.ids and not is_unlisted_gap(search, best, remainder):
+        return Finding("none", best, [], remainder)
+    part = established_set(search, best, covariates)
+    if part.ids and is_doubtful(search, part) and is_limited_by_noise(search, part):
+        part = search.retuned
+    if not part.ids:
+        return without_established(selection, remainder)
+    same = key(part.ids) == key(best.ids)
+    rivals = selection.rivals if same else tied_rivals(search, part)
+    rivals = [f for f in rivals if is_established_rival(search, f, part, covariates)]
+    left = remainder if same else remaining(search, part, covariates)
+    return named(search, part, rivals, left)
+
+
+def leaves_visible_gap(search: Search, best: Fit) -> bool:
+    """Whether a set leaves a visible gap above the sensors' noise."""
+    return relative_excess_power(search, best) > DECISION.visible_excess
+
+
+def is_limited_by_noise(search: Search, best: Fit) -> bool:
+    """Whether a set ends near the sensors' noise. Effects that are present close the gap there, and
+    a set that closes too little imitates what is outside the catalogue.
+    """
+    near = search.reported_gap(best) < COMPARISON.far_from_noise * search.floor
+    return search.gap_problem is None and near
+
+
+def without_remainder(selection: Selection, remainder: Remainder) -> Finding:
+    """The finding on a set that leaves no significant remainder."""
+    if not selection.best.ids:
+        return Finding("none", selection.best, [], remainder)
+    return named(selection.search, selection.best, selection.rivals, remainder)
+
+
+def without_established(selection: Selection, remainder: Remainder) -> Finding:
+    """The finding on a set of which no member is established."""
+    search, best = selection.search, selection.best
+    if not best.ids or is_doubtful(search, best):
+        return Finding("unlisted", best, [], remainder)
+    return named(search, best, selection.rivals, remainder)
+
+
+def named(search: Search, best: Fit, rivals: list[Fit], remainder: Remainder) -> Finding:
+    """The verdict that names a set: ambiguous if it has rivals; partial if a significant remainder
+    stays and the set closes less than min_closed of one effect; else effect.
+    """
+    if rivals:
+        return Finding("ambiguous", best, rivals, remainder)
+    partial = remainder.significant and reported_share(search, best) < DECISION.min_closed[0]
+    return Finding("partial" if partial else "effect", best, [], remainder)
+
+
+def reported_share(search: Search, best: Fit) -> float:
+    """Share of the squared reported gap left by retuning that a set closes."""
+    retuned, after = (search.reported_gap(f) ** 2 for f in (search.retuned, best))
+    return closed_power_share(retuned, after, search.floor**2)
 
 
 def is_unlisted_gap(search: Search, retuned: Fit, remainder: Remainder) -> bool:
@@ -76,7 +130,7 @@ def is_unlisted_gap(search: Search, retuned: Fit, remainder: Remainder) -> bool:
     """
     return (
         remainder.significant
-        and search.score(retuned) > search.floor**2 * (1.0 + DECISION.visible_excess)
+        and search.score(retuned) > search.floor_power * (1.0 + DECISION.visible_excess)
         and (remainder.best_correlate is not None or search.leaves_gap_in_most_draws(retuned))
     )
 
@@ -88,14 +142,7 @@ def is_doubtful(search: Search, best: Fit) -> bool:
 
 def relative_excess_power(search: Search, best: Fit) -> float:
     """Squared gap that a set leaves above the noise, divided by the noise power."""
-    return search.score(best) / (search.floor**2 * search.noise_power()) - 1.0
-
-
-def sufficient_member(search: Search, best: Fit) -> Fit | None:
-    """The best member of a doubtful set that closes enough alone; None where no member does."""
-    alone = [search.fits[(i,)] for i in best.ids if len(best.ids) > 1 and (i,) in search.fits]
-    enough = [one for one in alone if not closes_too_little(search, one)]
-    return min(enough, key=search.score, default=None)
+    return search.score(best) / search.floor_power - 1.0
 
 
 def closes_too_little(search: Search, best: Fit) -> bool:
@@ -110,8 +157,10 @@ def closes_too_little(search: Search, best: Fit) -> bool:
     if len(best.ids) > 1:
         return beyond < least
     shares = (
-        closed_power_share(of(search.nominal), of(best), search.floor)
-        for of in (search.score, search.reported_score)
+        closed_share_of_score(search, search.nominal, best),
+        closed_power_share(
+            search.reported_score(search.nominal), search.reported_score(best), search.floor**2
+        ),
     )
     return beyond < DECISION.min_closed_beyond_retuning or max(shares) < least
 
@@ -123,7 +172,7 @@ def approximates_other_effect(search: Search, best: Fit) -> bool:
     return (
         len(best.ids) > 1
         and closed_beyond_retuning(search, best) < DECISION.min_closed_by_several[len(best.ids) - 1]
-        and relative_excess_power(search, best) > DECISION.visible_excess
+        and leaves_visible_gap(search, best)
     )
 
 
@@ -141,14 +190,20 @@ def stands_for_excluded(search: Search, best: Fit) -> bool:
 
 def closed_beyond_retuning(search: Search, best: Fit) -> float:
     """Share of the squared gap left by retuning that a set closes."""
-    return closed_power_share(search.score(search.retuned), search.score(best), search.floor)
+    return closed_share_of_score(search, search.retuned, best)
+
+
+def closed_share_of_score(search: Search, leaner: Fit, fuller: Fit) -> float:
+    """Share of the squared gap that a leaner fit leaves above the sensors' noise that a fuller one
+    closes.
+    """
+    before, after = search.score(leaner), search.score(fuller)
+    return closed_power_share(before, after, search.floor_power)
 
 
 def closed_power_share(before: float, after: float, floor: float) -> float:
-    """Share of a squared gap above the noise that is closed; before, after: squared gaps, floor: a
-    gap.
-    """
-    return (before - after) / max(before - floor**2, DECISION.min_gap_power)
+    """Share of a squared gap above the noise that is closed; all are squared gaps."""
+    return (before - after) / max(before - floor, DECISION.min_gap_power)
 
 
 def reported_fit(search: Search, finding: Finding) -> Fit:

@@ -8,13 +8,14 @@ import numpy as np
 
 from vgroove.gap.catalogue import equivalents
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.selection.comparison import comparison_of
 from vgroove.gap.selection.intervals import Estimate, estimate_of
 from vgroove.gap.selection.search import win_shares
-from vgroove.gap.selection.search_state import Search, is_valid, key, reported_gap
+from vgroove.gap.selection.search_state import Search, is_valid, key
 from vgroove.gap.verdict import calibration
 from vgroove.gap.verdict.decision import Finding
 from vgroove.gap.verdict.gap_figures import MIN_GAP, closed_share
-from vgroove.gap.verdict.schema import EffectFinding, NameEvidence, Rival
+from vgroove.gap.verdict.schema import ComparisonEvidence, EffectFinding, NameEvidence, Rival
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class ProbabilityLimits:
     """
 
     max_named: float = 0.99  # largest, of a named effect or a rival
+    max_partial: float = 0.85  # largest, of an effect that a verdict partial names
     max_unnamed: float = 0.4  # largest, of any other effect
     tied: float = 0.5  # smallest of a selected effect that has rivals, and largest of a rival
 
@@ -39,7 +41,7 @@ def effect_findings(search: Search, finding: Finding, estimate: Estimate) -> lis
     """
     evidence = {i: calibration.name_evidence(search, finding.best, i) for i in finding.best.ids}
     chance = probabilities(search, finding, evidence)
-    before = reported_gap(search.problem, search.nominal)
+    before = search.reported_gap(search.nominal)
     found = []
     for effect in search.effects:
         alone = search.fits[(effect.id,)]
@@ -50,16 +52,33 @@ def effect_findings(search: Search, finding: Finding, estimate: Estimate) -> lis
                 effect.id,
                 effect.subsystem,
                 round(chance[effect.id], 6),
-                closed_share(before, reported_gap(search.problem, alone), search.floor),
+                closed_share(before, search.reported_gap(alone), search.floor),
                 0.0 if unlisted else lost_without(search, finding.best, effect.id),
                 source.parameters(effect.id),
                 evidence.get(effect.id),
+                comparison_evidence(search, finding, effect.id),
             )
         )
     rank = {i: n for n, i in enumerate(selected(search, finding))}
     return sorted(
         found,
         key=lambda e: (rank.get(e.id, AFTER_NAMED), -e.probability, -(e.closes or 0.0), e.id),
+    )
+
+
+def comparison_evidence(
+    search: Search, finding: Finding, effect_id: str
+) -> ComparisonEvidence | None:
+    """The comparison in which a named effect was found, without and with it; None for any other
+    effect.
+    """
+    best = finding.best
+    if not finding.names_effects or effect_id not in best.ids:
+        return None
+    rest = search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
+    before, after = (float(np.sqrt(search.score(f))) for f in (rest, best))
+    return ComparisonEvidence(
+        comparison_of(search), before, after, float(np.sqrt(search.floor_power))
     )
 
 
@@ -75,9 +94,9 @@ def lost_without(search: Search, best: Fit, effect_id: str) -> float:
     """Share of the gap that opens again without one effect of the best set; 0 if no member."""
     if effect_id not in best.ids:
         return 0.0
-    problem, floor = search.problem, search.floor
+    floor = search.floor
     rest = search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
-    before, after, without = (reported_gap(problem, f) for f in (search.nominal, best, rest))
+    before, after, without = (search.reported_gap(f) for f in (search.nominal, best, rest))
     if before - floor < MIN_GAP:
         return 0.0
     return float(np.clip((without - after) / max(before - floor, 1e-9), 0.0, 1.0))
@@ -105,10 +124,8 @@ def probabilities(
     known: set[str] = set()
     if finding.names_effects:
         known = {i for f in (finding.best, *finding.rivals) for i in f.ids}
-    return {
-        i: min(p, PROBABILITY.max_named if i in known else PROBABILITY.max_unnamed)
-        for i, p in found.items()
-    }
+    most = PROBABILITY.max_partial if finding.verdict == "partial" else PROBABILITY.max_named
+    return {i: min(p, most if i in known else PROBABILITY.max_unnamed) for i, p in found.items()}
 
 
 def divide_among_rivals(chance: dict[str, float], finding: Finding) -> dict[str, float]:
@@ -145,8 +162,7 @@ def rival(search: Search, effect_id: str, instead_of: str, fitted: str | None = 
     """A rival and the share that it closes alone. fitted: the effect whose fit gives that share; by
     default the effect that the rival replaces, for an equivalent, which has no fit of its own.
     """
-    problem = search.problem
     before, alone = (
-        reported_gap(problem, f) for f in (search.nominal, search.fits[(fitted or instead_of,)])
+        search.reported_gap(f) for f in (search.nominal, search.fits[(fitted or instead_of,)])
     )
     return Rival(effect_id, instead_of, closed_share(before, alone, search.floor))

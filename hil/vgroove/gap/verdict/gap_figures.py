@@ -3,13 +3,9 @@
 import numpy as np
 
 from vgroove.gap.fitting.hypothesis import Fit
-from vgroove.gap.selection.model_comparison import (
-    block_sums,
-    bootstrap_means,
-    clipped_squares,
-    make_blocks,
-)
-from vgroove.gap.selection.search_state import COMPARISON, Search, reported_gap
+from vgroove.gap.selection.intervals import Estimate
+from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means, make_blocks
+from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict.schema import Gap, SignalGap
 
 MIN_GAP = 0.1  # gap above the floor below which no share is stated (docs/spec/gap.md, section 5)
@@ -24,16 +20,19 @@ def closed_share(before: float, after: float, floor: float) -> float | None:
     return float(np.clip((before - after) / (before - floor), 0.0, 1.0))
 
 
-def gap_figures(search: Search, shown: Fit) -> Gap:
-    """All figures of the gap; shown: the fit whose gap is reported as `after`."""
-    problem, floor = search.problem, search.floor
+def gap_figures(search: Search, shown: Fit, estimated: Estimate) -> Gap:
+    """All figures of the gap; shown: the fit whose gap is reported as `after`, estimated: the fit
+    to all rows whose values the corrected rig holds.
+    """
+    problem, floor = search.simulated, search.floor
     before, retuned, after = (
-        reported_gap(problem, f) for f in (search.nominal, search.retuned, shown)
+        search.reported_gap(f) for f in (search.nominal, search.retuned, shown)
     )
     return Gap(
         before=before,
         retuned=retuned,
         after=after,
+        refit=refit_gap(search, estimated),
         floor=floor,
         closed=closed_share(before, after, floor),
         closed_ci95=closed_interval(search, shown),
@@ -45,45 +44,53 @@ def gap_figures(search: Search, shown: Fit) -> Gap:
     )
 
 
+def refit_gap(search: Search, estimated: Estimate) -> float:
+    """Gap over the judged rows of the fit to all rows."""
+    problem = search.simulated
+    theta = estimated.fit.theta(problem.theta0)
+    angles = search.engine.angles if problem is search.problem else None
+    return float(problem.gap(problem.residuals(theta, angles)[0]))
+
+
 def closed_interval(search: Search, shown: Fit) -> list[float] | None:
     """95 % block-bootstrap interval of the closed share over the judged rows; residuals are clipped
-    as in the reported gap, also where the search has widened its clip.
+    as in the reported gap.
     """
-    problem, floor = search.problem, search.floor
-    if reported_gap(problem, search.nominal) - floor < MIN_GAP:
+    problem, floor = search.simulated, search.floor
+    if search.reported_gap(search.nominal) - floor < MIN_GAP:
         return None
     blocks = make_blocks(problem, problem.judged, search.blocks.length_s, search.seed)
     before, after = (
-        np.sqrt(
-            bootstrap_means(blocks, block_sums(blocks, clipped_squares(f, COMPARISON.clip_sigma)))
-        )
-        for f in (search.nominal, shown)
+        np.sqrt(bootstrap_means(blocks, block_sums(blocks, np.nan_to_num(problem.squared(r)))))
+        for r in (search.gap_residual(f) for f in (search.nominal, shown))
     )
     share = (before - after) / np.maximum(before - floor, MIN_SAMPLE_GAP)
     return [float(q) for q in np.quantile(np.clip(share, 0.0, 1.0), QUANTILES_95)]
 
 
 def signal_gaps(search: Search, shown: Fit) -> dict[str, SignalGap]:
-    """Gap of each judged signal in its unit, and its ISO/TS 18571 ratings."""
-    problem = search.problem
-    before, retuned, after = (
-        problem.gap_by_signal(f.out_of_fold, problem.judged)
-        for f in (search.nominal, search.retuned, shown)
-    )
-    floors = problem.floor_by_signal(problem.judged)
-    rated, rated_after = (
-        problem.iso18571(f.out_of_fold, problem.judged) for f in (search.nominal, shown)
-    )
-    return {
-        s.column: SignalGap(
-            s.unit,
-            before[s.column],
-            retuned[s.column],
-            after[s.column],
-            floors[s.column],
-            rated.get(s.column),
-            rated_after.get(s.column),
+    """Gap of each judged signal in its unit, not clipped, and its ISO/TS 18571 ratings."""
+    problem = search.simulated
+    residuals = [search.gap_residual(f) for f in (search.nominal, search.retuned, shown)]
+    errors = [problem.gap_by_signal(r, problem.judged) for r in residuals]
+    floors, sizes = problem.floor_by_signal(problem.judged), problem.rms_by_signal()
+    ratings = [problem.iso18571(r, problem.judged) for r in (residuals[0], residuals[2])]
+    found = {}
+    for signal, clip in zip(problem.signals, problem.clip, strict=True):
+        column = signal.column
+        before, retuned, after = (error[column] for error in errors)
+        floor, size = floors[column], sizes[column]
+        found[column] = SignalGap(
+            signal.unit,
+            before,
+            retuned,
+            after,
+            floor,
+            *(rating.get(column) for rating in ratings),
+            clip=float(clip),
+            closed=closed_share(before / floor, after / floor, 1.0) if floor > 0.0 else None,
+            rms=size,
+            before_share=before / size if size > 0.0 else None,
+            after_share=after / size if size > 0.0 else None,
         )
-        for s in problem.signals
-        if s.column in before
-    }
+    return found

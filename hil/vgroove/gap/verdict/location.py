@@ -17,7 +17,7 @@ from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
 from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.selection.extension import extension_slopes
-from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means
+from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means, clipped_squares
 from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict.schema import RegimeShare
 
@@ -100,7 +100,7 @@ def normal_equations(search: Search, model: LinearModel) -> NormalEquations:
     """Normal matrix (m, m) and gradient (m,) over the training rows of each fold, with Huber
     weights at the clip of the search.
     """
-    weight = np.minimum(1.0, search.clip_sigma / np.maximum(np.abs(model.target), 1e-9))
+    weight = np.minimum(1.0, COMPARISON.clip_sigma / np.maximum(np.abs(model.target), 1e-9))
     found = []
     for train, _ in search.problem.folds:
         rows = model.columns * (weight * train)[:, None]
@@ -126,7 +126,7 @@ def corrected_squares(
             out[rows] += model.columns[np.ix_(rows, use)] @ bounded_step(
                 normal[np.ix_(use, use)], gradient[use], low, high
             )
-    return np.minimum(np.abs(out), search.clip_sigma) ** 2
+    return clipped_squares(out, COMPARISON.clip_sigma)
 
 
 def is_significant_gain(search: Search, leaner: np.ndarray, fuller: np.ndarray) -> bool:
@@ -136,7 +136,7 @@ def is_significant_gain(search: Search, leaner: np.ndarray, fuller: np.ndarray) 
     gain = block_sums(search.blocks, leaner) - block_sums(search.blocks, fuller)
     samples = bootstrap_means(search.blocks, gain)
     low = float(np.quantile(samples, 1.0 - COMPARISON.significance))
-    least = LOCATION.min_gain * search.noise_power()
+    least = LOCATION.min_gain
     return bool(low > 0.0 and gain.sum() / search.blocks.total > least)
 
 
@@ -172,7 +172,7 @@ def shapley_shares(search: Search, best: Fit) -> dict[str, float]:
         / search.blocks.total
         for s in coalitions
     }
-    total = max(-values[frozenset()] - search.floor**2, 1e-12)
+    total = max(-values[frozenset()] - search.floor_power, 1e-12)
     raw = {s: max(0.0, shapley(chosen, values, s) / total) for s in chosen}
     explained = sum(raw.values())
     raw = {s: v / max(1.0, explained) for s, v in raw.items()}
@@ -199,7 +199,7 @@ def largest_share(shares: dict[str, float]) -> str | None:
 def regime_shares(search: Search) -> list[RegimeShare]:
     """Share of each regime in the nominal model's squared gap above the noise, largest first."""
     problem, tested = search.problem, search.blocks.tested
-    square = np.minimum(np.abs(search.nominal.out_of_fold), search.clip_sigma) ** 2 - 1.0
+    square = clipped_squares(search.nominal.out_of_fold, COMPARISON.clip_sigma) - search.floor_power
     sums = {
         name: max(0.0, float(square[tested & (problem.regime == i)].sum()))
         for i, name in enumerate(problem.regimes)

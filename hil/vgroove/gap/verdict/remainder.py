@@ -66,8 +66,8 @@ class SignalResiduals:
 
     @staticmethod
     def of(search: Search, one: Fit) -> "SignalResiduals":
-        """Residuals of a fit, clipped at the clip of the search."""
-        clip, problem = search.clip_sigma, search.problem
+        """Residuals of a fit, clipped as in the comparison of fits."""
+        clip, problem = COMPARISON.clip_sigma, search.problem
         names = [s.column for s in problem.signals]
         return SignalResiduals(
             np.clip(one.out_of_fold, -clip, clip), problem.signal, names, search.blocks
@@ -108,7 +108,7 @@ def remaining(search: Search, best: Fit, covariates: Covariates) -> Remainder:
     residuals = SignalResiduals.of(search, best)
     top = strongest(residuals, measured_covariates(covariates))
     found = top is not None and explains(search, residuals, top)
-    if not (found or stands_above_noise(search, best, search.floor**2 * search.noise_power())):
+    if not (found or stands_above_noise(search, best)):
         return Remainder(False, None, top.gain if top else 0.0, None)
     line = strongest(residuals, spectral_lines(search, residuals, covariates))
     if (
@@ -135,7 +135,7 @@ def described(search: Search, best: Fit, residuals: SignalResiduals, top: Correl
     x, y = correlates.smooth_curve(value, covariate)
     share = correlates.cross_validated_gain(value, covariate, search.blocks.cluster[rows])
     gain = share * float((value**2).sum())
-    above = max((search.score(best) - search.floor**2) * search.blocks.total, 1e-9)
+    above = max((search.score(best) - search.floor_power) * search.blocks.total, 1e-9)
     return Remainder(
         True,
         top.covariate.name,
@@ -147,15 +147,16 @@ def described(search: Search, best: Fit, residuals: SignalResiduals, top: Correl
     )
 
 
-def stands_above_noise(search: Search, best: Fit, noise: float) -> bool:
-    """Whether a fit leaves more than the noise power, and not in one or two blocks only, as a
-    single event of the run would.
+def stands_above_noise(search: Search, best: Fit) -> bool:
+    """Whether a fit leaves more than the power of the sensors' noise, and not in one or two blocks
+    only, as a single event of the run would.
     """
+    noise = search.floor_power
     above = search.block_losses(best) - noise * search.blocks.rows
-    least = COMPARISON.min_gain * noise
     return (
         search.score(best) > (1.0 + REMAINDER.min_excess) * noise
-        and difference_interval(search.blocks, above, COMPARISON.likely)[0] > least
+        and difference_interval(search.blocks, above, COMPARISON.likely)[0]
+        > COMPARISON.min_gain * noise
     )
 
 
@@ -217,7 +218,7 @@ def correlate_shares(search: Search, covariates: Covariates) -> list[CorrelateSh
     """
     residuals = SignalResiduals.of(search, search.retuned)
     tested = residuals.value[search.blocks.tested]
-    total = float((tested**2 - search.floor**2).sum())
+    total = float((tested**2 - search.floor_power).sum())
     found = []
     for covariate in measured_covariates(covariates) if total > 0.0 else []:
         for k in residuals.signals_for(covariate):
@@ -234,6 +235,8 @@ def unexplained(search: Search, remainder: Remainder) -> Unexplained:
     """The remainder as the verdict states it: its correction in the signal's unit."""
     signals = search.problem.signals
     sigma = next((s.sigma for s in signals if s.column == remainder.signal), 1.0)
+    mine = [k for k, s in enumerate(signals) if s.column == remainder.signal]
+    sigma *= search.discrepancy(mine[0]) if mine else 1.0
     return Unexplained(
         remainder.significant,
         remainder.best_correlate,

@@ -15,8 +15,11 @@ OMIT_IF_EMPTY = {"omit_if_empty": True}  # metadata of a field that the JSON may
 
 @dataclass(frozen=True)
 class SignalGap:
-    """Gap of one signal in its unit before, retuned and after, and its ISO/TS 18571 ratings (0..1;
-    None where the signal is too short or flat to rate).
+    """RMS error of one signal in its unit before, retuned and after, not clipped; floor: what noise
+    alone gives. ISO/TS 18571 ratings: 0..1, None where the signal is too short or flat to rate.
+    clip: sigmas at which its residuals are clipped in the pooled gap. closed: share of its own RMS
+    error above the floor. rms: of the measured signal over the judged rows; before_share and
+    after_share: the errors divided by it.
     """
 
     unit: str
@@ -26,12 +29,18 @@ class SignalGap:
     floor: float
     iso18571_before: float | None
     iso18571_after: float | None
+    clip: float
+    closed: float | None
+    rms: float
+    before_share: float | None
+    after_share: float | None
 
 
 @dataclass(frozen=True)
 class Gap:
     """Gap of the nominal model (before), of the retuned model (the rig's values refitted within
-    their tolerances) and of the corrected model (after); floor: what noise alone gives. closed*:
+    their tolerances) and of the corrected model, predicted from folds (after) and with the values
+    of the corrected rig, fitted to all rows (refit); floor: what noise alone gives. closed*:
     shares, None where the gap above the floor is below 0.1. held_out_s: the judged stretches in s,
     a list per log.
     """
@@ -39,6 +48,7 @@ class Gap:
     before: float
     retuned: float
     after: float
+    refit: float
     floor: float
     closed: float | None
     closed_ci95: Sequence[float] | None
@@ -95,10 +105,26 @@ class NameEvidence:
 
 
 @dataclass(frozen=True)
+class ComparisonEvidence:
+    """The comparison in which an effect was found, with the RMS of its held-out residuals without
+    the effect (before) and with it (after), in standard deviations that include the model's
+    discrepancy, and what the sensors' noise alone gives (floor).
+
+    comparison: "forward simulation", whose residuals are the reported gap, or "torque balance".
+    """
+
+    comparison: str
+    before: float
+    after: float
+    floor: float
+
+
+@dataclass(frozen=True)
 class EffectFinding:
     """One effect of the catalogue: probability that it is present, share of the gap that it closes
-    alone, share lost when it alone leaves the selected set, parameters by name, and the evidence of
-    its probability where it belongs to the best set.
+    alone, share lost when it alone leaves the selected set, parameters by name. signs: what its
+    probability is computed from, where it belongs to the best set. evidence: the comparison in
+    which it was found, where the verdict names it.
     """
 
     id: str
@@ -108,6 +134,7 @@ class EffectFinding:
     lost_without: float
     parameters: Mapping[str, ParameterEstimate]
     signs: NameEvidence | None
+    evidence: ComparisonEvidence | None = field(default=None, metadata=OMIT_IF_EMPTY)
 
 
 @dataclass(frozen=True)

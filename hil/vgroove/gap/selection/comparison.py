@@ -1,0 +1,132 @@
+"""Chooses the comparison in which effects are looked for: the forward simulation between restarts,
+or the torque balance along the measured motion, whichever determines parameter values more
+precisely.
+
+Where the driving column is measured with noise, or sampled more slowly than the tool responds, the
+forward simulation is no prediction, because the errors of that column add up in the speed (an
+errors-in-variables model: W. A. Fuller, Measurement Error Models, 1987). Names call such a
+simulation blind, and the comparison with the narrower intervals the sharper one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.catalogue import Effect
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.residual.problem import Problem, SignalInfo
+from vgroove.gap.residual.torque_balance import balance_problem
+from vgroove.gap.selection.intervals import estimate_of
+from vgroove.gap.selection.options import DiagnosisOptions
+from vgroove.gap.selection.search_state import COMPARISON, Search, begin
+
+FORWARD, BALANCE = "forward simulation", "torque balance"
+# effects that let a mass move against the motor: the torque balance holds all masses on its motion
+NOT_IN_BALANCE = frozenset({"coupler_compliance", "gear_backlash"})
+# the effects by whose intervals the two comparisons are ranked: almost every machine shows them,
+# and both comparisons estimate them
+REFERENCE_EFFECTS = ("coulomb_friction", "viscous_friction")
+
+
+@dataclass(frozen=True)
+class ComparisonRules:
+    """When the torque balance is tried, and when it is used; chosen on the logs of tests/data/real
+    and on the tuning half of the blind set (docs/gap_bench.md).
+    """
+
+    # The forward simulation of a signal is blind if sigma, which includes the propagated errors of
+    # the driving column, exceeds this share of the measured signal's RMS,
+    max_input_share: float = 0.3
+    # or if the RMS error of the nominal model exceeds the first of these shares of it (a model that
+    # predicts 0 would be better) and that of the reference effects the second.
+    max_nominal_share: float = 1.0
+    max_reference_share: float = 0.5
+
+
+RULES = ComparisonRules()
+MIN_HALF_WIDTH = 1e-12  # keeps a logarithm finite
+MIN_INFORMATION = 1e-6  # of a value of typical size: below it the logs do not show the effect
+
+
+def comparison_of(search: Search) -> str:
+    """Name, as the verdict states it, of the comparison that a search fits."""
+    return FORWARD if search.gap_problem is None else BALANCE
+
+
+def begin_in_sharper(engine: Engine, effects: list[Effect], options: DiagnosisOptions) -> Search:
+    """A search in the comparison with the smaller sharpness(): the forward simulation, which is the
+    engine's problem, or the torque balance of the same logs. The balance is tried only where the
+    forward simulation is blind.
+    """
+    search = begin(engine, effects, options)
+    problem = search.problem
+    if not isinstance(problem, Problem):
+        return search
+    if not any(has_measured_motion(signal) for signal in problem.signals):
+        return search
+    reference = reference_fit(search)
+    if reference is None or not is_blind(search, problem, reference):
+        return search
+    balance = balance_problem(problem)
+    if balance is None:
+        return search
+    options.progress("the torque balance along the measured motion")
+    other = begin(
+        Engine(balance, engine.scales, problem.rig.tolerance, engine.present),
+        [e for e in effects if e.id not in NOT_IN_BALANCE],
+        options,
+        gap_problem=problem,
+    )
+    sharper = sharpness(other, reference_fit(other))
+    return other if sharpness(search, reference) > sharper else search
+
+
+def reference_fit(search: Search) -> Fit | None:
+    """The reference effects fitted together; None where the logs cannot show them."""
+    found = [e for e in search.effects if e.id in REFERENCE_EFFECTS]
+    if len(found) < len(REFERENCE_EFFECTS):
+        return None
+    return search.engine.fit(search.engine.hypotheses(found), COMPARISON.max_rounds)[0]
+
+
+def is_blind(search: Search, problem: Problem, reference: Fit) -> bool:
+    """Whether the forward simulation of a speed or angle is no prediction (ComparisonRules). Speeds
+    made from Hall edges are left out: they give no torque balance.
+    """
+    nominal, left = (error_shares(problem, f.out_of_fold) for f in (search.nominal, reference))
+    floor = error_shares(problem, np.ones(problem.n))
+    return any(
+        floor[k] > RULES.max_input_share
+        or (nominal[k] > RULES.max_nominal_share and left[k] > RULES.max_reference_share)
+        for k, signal in enumerate(problem.signals)
+        if has_measured_motion(signal)
+    )
+
+
+def has_measured_motion(signal: SignalInfo) -> bool:
+    """Whether a signal is a speed or an angle that is not made from Hall edges."""
+    return signal.column in ("speed_rpm", "position_rad") and not signal.edges
+
+
+def error_shares(problem: Problem, residual: np.ndarray) -> np.ndarray:
+    """RMS error (signals,) of each signal from residuals (n,) in sigmas of the sensors, divided by
+    the RMS of the measured signal.
+    """
+    every = np.ones(problem.n, dtype=bool)
+    errors, sizes = problem.gap_by_signal(residual, every), problem.rms_by_signal(every)
+    return np.array([errors[c] / size if size > 0.0 else 0.0 for c, size in sizes.items()])
+
+
+def sharpness(search: Search, reference: Fit | None) -> float:
+    """Geometric mean of the half widths of the 95 % intervals of the reference effects' values, in
+    their typical sizes: small values are precise. Infinite where the logs hold no information.
+    """
+    if reference is None:
+        return np.inf
+    count = reference.hypothesis.count
+    power = (reference.jacobian[search.engine.train, :count] ** 2).sum(axis=0)
+    if np.any(power < MIN_INFORMATION):
+        return np.inf
+    widths = estimate_of(search, reference).half_widths[:count]
+    return float(np.exp(np.mean(np.log(np.maximum(widths, MIN_HALF_WIDTH)))))

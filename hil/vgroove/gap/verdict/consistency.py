@@ -1,0 +1,266 @@
+"""Whether an effect of a set has the same size wherever the logs show it (docs/spec/gap.md,
+section 5): something outside the catalogue is imitated with values that change from part to part.
+
+The size is a factor on the effect's leading parameter, 1 in the fit to all rows. It is estimated in
+each part to first order, with the nuisance parameters fitted there under their priors. The scatter
+between parts is the random-effects standard deviation (R. DerSimonian and N. Laird, Controlled
+Clinical Trials 7 (1986) 177).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t
+
+from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.fitting.hypothesis import Coordinate, Fit
+from vgroove.gap.selection.extension import extension_slopes
+from vgroove.gap.selection.model_comparison import block_sums, clipped_squares
+from vgroove.gap.selection.search_state import COMPARISON, Search
+from vgroove.gap.verdict.covariates import Covariates
+
+
+@dataclass(frozen=True)
+class ConsistencyLimits:
+    """Thresholds of the consistency of an effect (docs/spec/gap.md, section 5)."""
+
+    max_scatter: float = 0.5  # random-effects standard deviation, as a share of the value
+    max_lost: float = 0.1  # squared gap that some parts lose, as a share of what the others gain
+    # largest further gain of the flexible correction of the effect's subsystem, and of the effect
+    # with a size that depends smoothly on a measured quantity, as shares of the effect's gain
+    max_subsystem_gain: float = 0.35
+    max_varying_gain: float = 0.35
+    min_closed_undivided: float = 0.9  # share of the gap that an effect of one part must close
+    # standard deviation of the size in a part, above which the part does not show the effect
+    max_part_sigma: float = 1.0
+    min_parts_significant: int = 3  # parts that a test of their mean size needs
+    sign_sigmas: float = 2.0  # a part contradicts the sign from so many standard deviations on
+    time_parts: int = 4  # largest number of contiguous parts of all logs together
+    knots: int = 5  # of the piecewise linear functions over a covariate
+    ridge: float = 1e-4  # penalty of a regression, as a share of each column's sum of squares
+
+
+LIMITS = ConsistencyLimits()
+TINY = 1e-12  # keeps a ratio finite
+# covariates over which the size of an effect may vary smoothly
+VARYING_OVER = ("speed", "current", "motor angle", "time since start")
+
+
+@dataclass(frozen=True)
+class PartSizes:
+    """Sizes (k,) of an effect in the parts that show it, with their standard deviations (k,)."""
+
+    value: np.ndarray
+    sigma: np.ndarray
+
+    def scatter(self) -> tuple[float, float]:
+        """Weighted mean of the sizes, and their random-effects standard deviation."""
+        weight = self.sigma**-2.0
+        mean = float(np.average(self.value, weights=weight))
+        excess = float(np.sum(weight * (self.value - mean) ** 2)) - (len(self.value) - 1)
+        divisor = float(weight.sum() - (weight**2).sum() / weight.sum())
+        between = max(0.0, excess / max(divisor, TINY))
+        return float(np.average(self.value, weights=1.0 / (self.sigma**2 + between))), float(
+            np.sqrt(between)
+        )
+
+    def is_significant(self) -> bool:
+        """Whether the mean of the sizes differs from 0 at 99 %, with their scatter as its error."""
+        if len(self.value) < LIMITS.min_parts_significant:
+            return False
+        mean, between = self.scatter()
+        error = float(np.sum(1.0 / (self.sigma**2 + between))) ** -0.5
+        quantile = float(t.ppf(0.5 * (1.0 + COMPARISON.significance), len(self.value) - 1))
+        return mean > quantile * error
+
+    def is_constant(self) -> bool:
+        """Whether no part contradicts the sign, and the scatter is at most max_scatter times the
+        mean.
+        """
+        mean, between = self.scatter()
+        if mean <= 0.0 or np.any(self.value + LIMITS.sign_sigmas * self.sigma < 0.0):
+            return False
+        return between <= LIMITS.max_scatter * mean
+
+
+def is_leading(coordinate: Coordinate, effect_id: str) -> bool:
+    """Whether a fitted number scales an effect: its leading parameter, or the amplitudes of its
+    cosine and sine.
+    """
+    if not coordinate.name.startswith(f"effects.{effect_id}."):
+        return False
+    return coordinate.role != "plain" or (
+        coordinate.name == BY_ID[effect_id].name(BY_ID[effect_id].leading)
+    )
+
+
+def sensitivity(best: Fit, effect_id: str) -> np.ndarray:
+    """Change of the residuals (n,) for an added size of 1, which doubles the effect, to first
+    order.
+    """
+    out = np.zeros(len(best.residual))
+    for k, coordinate in enumerate(best.hypothesis.coordinates):
+        if is_leading(coordinate, effect_id):
+            out += best.jacobian[:, k] * best.x[k]
+    return out
+
+
+def is_at_bound(best: Fit, effect_id: str) -> bool:
+    """Whether a number of the effect ends at a bound of the search."""
+    return any(
+        c.ends_at_search_bound(float(x))
+        for c, x in zip(best.hypothesis.coordinates, best.x, strict=True)
+        if c.name.startswith(f"effects.{effect_id}.")
+    )
+
+
+def partitions(search: Search) -> Iterator[np.ndarray]:
+    """Divisions of the rows, as the number (n,) of each row's part: contiguous parts of time,
+    regimes of motion, logs.
+    """
+    problem = search.problem
+    blocks = problem.log * (int(problem.block.max()) + 1) + problem.block
+    order = np.unique(blocks, return_inverse=True)[1]
+    count = max(1, int(order.max()) + 1)
+    yield (order * min(LIMITS.time_parts, count)) // count
+    yield problem.regime
+    yield problem.log
+
+
+def part_sizes(search: Search, best: Fit, effect_id: str, part: np.ndarray) -> PartSizes:
+    """Sizes of an effect in those parts that show it. part: number (n,) of each row's part."""
+    slope = sensitivity(best, effect_id)
+    nuisance = best.jacobian[:, best.hypothesis.count :]
+    prior = np.ones(nuisance.shape[1])
+    found = []
+    for number in np.unique(part):
+        rows = np.flatnonzero((part == number) & search.blocks.tested)
+        columns = np.column_stack([slope[rows], nuisance[rows]])
+        found.append(
+            _size_in_part(columns, best.residual[rows], prior, search.blocks.cluster[rows])
+        )
+    value, sigma = np.array(found).T
+    shown = sigma < LIMITS.max_part_sigma
+    return PartSizes(value[shown], sigma[shown])
+
+
+def _size_in_part(
+    columns: np.ndarray, residual: np.ndarray, prior: np.ndarray, cluster: np.ndarray
+) -> tuple[float, float]:
+    """Size of an effect in the rows (m,) of a part, and its standard deviation by the sandwich over
+    clusters, at least that of white noise of the residual's power. columns (m, 1 + k): sensitivity
+    of the effect and of the k nuisance parameters, prior (k,): the inverse variance of the latter.
+    """
+    residual = np.clip(residual, -COMPARISON.clip_sigma, COMPARISON.clip_sigma)
+    penalty = np.diag(np.concatenate([[TINY], prior]))
+    normal = columns.T @ columns + penalty
+    if normal[0, 0] <= 10.0 * TINY:
+        return 0.0, np.inf
+    inverse = np.linalg.pinv(normal)
+    step = -inverse @ (columns.T @ residual)
+    left = residual + columns @ step
+    score = columns * left[:, None]
+    places = np.unique(cluster, return_inverse=True)[1]
+    sums = np.stack([np.bincount(places, weights=s) for s in score.T], axis=1)
+    groups = len(sums)
+    robust = inverse @ (sums.T @ sums) @ inverse * (groups / max(1, groups - 1))
+    white = inverse * max(1.0, float(np.mean(left**2)))
+    return 1.0 + float(step[0]), float(np.sqrt(max(robust[0, 0], white[0, 0])))
+
+
+def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: float) -> bool:
+    """Whether the effect's size is the same in all parts of every division in which at least two
+    parts show it. Without such a division the effect must close nearly all. closed: share that it
+    closes of the squared gap left by retuning.
+    """
+    divided = False
+    for part in partitions(search):
+        sizes = part_sizes(search, best, effect_id, part)
+        if len(sizes.value) > 1:
+            divided = True
+            if not sizes.is_constant():
+                return False
+    return divided or closed >= LIMITS.min_closed_undivided
+
+
+def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
+    """Whether the sizes of an effect in contiguous parts of time differ from 0 together."""
+    return part_sizes(search, best, effect_id, next(partitions(search))).is_significant()
+
+
+def loses_little(search: Search, with_it: Fit, without: Fit) -> bool:
+    """Whether the parts of time in which the effect raises the squared gap lose at most a share of
+    what the others gain.
+    """
+    part = next(partitions(search))
+    gain = np.subtract(
+        *(clipped_squares(f.out_of_fold, COMPARISON.clip_sigma) for f in (without, with_it))
+    )
+    sums = np.bincount(part, weights=np.where(search.blocks.tested, gain, 0.0))
+    return float(-sums[sums < 0.0].sum()) <= LIMITS.max_lost * float(sums[sums > 0.0].sum())
+
+
+def subsystem_gain(search: Search, best: Fit, effect_id: str) -> float:
+    """Further squared gap that the flexible correction of the effect's subsystem closes, held
+    out.
+    """
+    subsystem = BY_ID[effect_id].subsystem
+    columns = [
+        slopes
+        for h, slopes in extension_slopes(search, best)
+        if BY_ID[h.ids[-1]].subsystem == subsystem
+    ]
+    return further_gain(search, best, np.hstack(columns)) if columns else 0.0
+
+
+def varying_gain(search: Search, best: Fit, effect_id: str, covariates: Covariates) -> float:
+    """Largest further squared gap, held out, of the effect with a size that depends smoothly on one
+    covariate.
+    """
+    slope, gains = sensitivity(best, effect_id), [0.0]
+    for name in VARYING_OVER:
+        if name in covariates:
+            columns = slope[:, None] * hat_functions(covariates[name])
+            gains.append(further_gain(search, best, columns))
+    return max(gains)
+
+
+def hat_functions(value: np.ndarray) -> np.ndarray:
+    """Piecewise linear functions (n, knots - 1) over the quantiles of a covariate (n,); with a
+    constant they span all such functions. 0 where the covariate is unknown.
+    """
+    known = np.isfinite(value)
+    knots = np.unique(np.quantile(value[known], np.linspace(0.0, 1.0, LIMITS.knots)))
+    if len(knots) < 2:
+        return np.zeros((len(value), 0))
+    filled = np.where(known, value, knots[0])
+    columns = [np.interp(filled, knots, row) for row in np.eye(len(knots))[1:]]
+    return np.stack(columns, axis=1) * known[:, None]
+
+
+def further_gain(search: Search, best: Fit, columns: np.ndarray) -> float:
+    """Squared gap that further columns (n, m) close beside all numbers of a fit, held out, to first
+    order.
+    """
+    own = best.jacobian
+    prior = best.hypothesis.prior
+    power = np.sqrt((columns**2).mean(axis=0))
+    used = power > TINY
+    both = np.hstack([own, columns[:, used] / power[used]])
+    before = _held_out(search, best, own, prior)
+    after = _held_out(search, best, both, np.concatenate([prior, np.zeros(int(used.sum()))]))
+    gain = block_sums(search.blocks, before).sum() - block_sums(search.blocks, after).sum()
+    return float(gain) / search.blocks.total
+
+
+def _held_out(search: Search, best: Fit, columns: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Clipped squared residuals (n,) of each fold after a ridge regression on the other folds."""
+    target = np.clip(best.residual, -COMPARISON.clip_sigma, COMPARISON.clip_sigma)
+    out = target.copy()
+    for train, test in search.problem.folds:
+        rows = columns[train]
+        normal = rows.T @ rows
+        normal[np.diag_indices_from(normal)] += LIMITS.ridge * np.diag(normal) + prior + TINY
+        out[test] += columns[test] @ -np.linalg.solve(normal, rows.T @ target[train])
+    return clipped_squares(out, COMPARISON.clip_sigma)

@@ -1,0 +1,179 @@
+"""Which members of a set are established (docs/spec/gap.md, section 5): each gains significantly
+and substantially, keeps its size wherever the logs show it, and is not an incomplete correction of
+its subsystem.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.catalogue import SPECIAL_CASES
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.selection.candidate_sets import fit_set, fit_without
+from vgroove.gap.selection.forward import grow, leaves_established_share
+from vgroove.gap.selection.limits import STEPWISE
+from vgroove.gap.selection.model_comparison import difference_interval
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid
+from vgroove.gap.verdict import consistency
+from vgroove.gap.verdict.consistency import LIMITS
+from vgroove.gap.verdict.covariates import Covariates
+
+
+@dataclass(frozen=True)
+class EstablishedLimits:
+    """Thresholds of an established member (docs/spec/gap.md, section 5)."""
+
+    # squared gap that it gains, as a share of what the set without it leaves above the sensors'
+    # noise; gains_share() states the other share that suffices
+    min_gain_of_left: float = 0.5
+    tried: int = 5  # larger sets that are tried, best first, to extend an established set
+
+
+ESTABLISHED = EstablishedLimits()
+
+
+@dataclass(frozen=True)
+class Membership:
+    """Findings on one member of a set: its gain in squared gap, and which rules it fulfils.
+
+    significant: gains_enough(). keeps_size, loses_little: the functions of consistency.py.
+    complete: the flexible correction of its subsystem gains little in addition; constant: a size
+    that varies over a covariate gains little in addition. inside_bounds: no number of it ends at a
+    bound of the search.
+    """
+
+    id: str
+    gain: float
+    significant: bool
+    keeps_size: bool
+    loses_little: bool
+    complete: bool
+    constant: bool
+    inside_bounds: bool
+
+    @property
+    def is_rival(self) -> bool:
+        """Whether it may be present instead of an established one."""
+        return self.significant and self.keeps_size and self.inside_bounds
+
+    @property
+    def established(self) -> bool:
+        """Whether it fulfils every rule."""
+        return (
+            self.significant
+            and self.keeps_size
+            and self.loses_little
+            and self.complete
+            and self.constant
+            and self.inside_bounds
+        )
+
+
+def membership(search: Search, best: Fit, effect_id: str, covariates: Covariates) -> Membership:
+    """The findings on one member of a set, which is refitted without it."""
+    without = fit_without(search, best, effect_id)
+    gain = max(search.score(without) - search.score(best), 0.0)
+    left = max(search.score(search.retuned) - search.floor_power, 1e-9)
+    return Membership(
+        effect_id,
+        gain,
+        gains_enough(search, best, without, effect_id),
+        consistency.keeps_its_size(search, best, effect_id, gain / left),
+        consistency.loses_little(search, best, without),
+        consistency.subsystem_gain(search, best, effect_id) <= LIMITS.max_subsystem_gain * gain,
+        consistency.varying_gain(search, best, effect_id, covariates)
+        <= LIMITS.max_varying_gain * gain,
+        not consistency.is_at_bound(best, effect_id),
+    )
+
+
+def gains_enough(search: Search, best: Fit, without: Fit, effect_id: str) -> bool:
+    """Whether a member's gain is significant at 99 %, by the block bootstrap or by its sizes apart
+    in parts of the logs, and a substantial share of what retuning leaves, over all signals or in
+    one alone.
+    """
+    gain = search.block_losses(without) - search.block_losses(best)
+    clear = difference_interval(search.blocks, gain, COMPARISON.significance)[0] > 0.0
+    if not (clear or consistency.is_significant_size(search, best, effect_id)):
+        return False
+    return gains_share(search, best, without)
+
+
+def gains_share(search: Search, fuller: Fit, leaner: Fit) -> bool:
+    """Whether a fit gains over another one a substantial share of what retuning leaves, over all
+    signals or in one alone, or the larger part of what the other one leaves: on a machine with one
+    dominant effect the second one is a small share of the whole gap.
+    """
+    with_it, more = (search.loss_by_signal(f) for f in (fuller, leaner))
+    left = max(float(np.sum(more)) - search.floor_power, 0.0)
+    larger_part = np.sum(more - with_it) >= ESTABLISHED.min_gain_of_left * left
+    return bool(larger_part) or search.is_substantial(more - with_it)
+
+
+def established_set(search: Search, best: Fit, covariates: Covariates) -> Fit:
+    """The largest established part of a set, extended while a further member is established; the
+    retuned fit where nothing is.
+    """
+    best = without_doubtful(search, best, covariates)
+    while len(best.ids) < STEPWISE.max_effects and leaves_established_share(search, best):
+        larger = established_extension(search, best, covariates)
+        if larger is None:
+            break
+        best = larger
+    return with_special_cases(search, best, covariates)
+
+
+def with_special_cases(search: Search, best: Fit, covariates: Covariates) -> Fit:
+    """The set with each general effect replaced by its special case, unless the general one gains
+    over it what an established member must gain.
+    """
+    for member in best.ids:
+        for special in set(SPECIAL_CASES.get(member, ())) - set(best.ids) - search.without:
+            one = fit_set(search, [special if i == member else i for i in best.ids], best)
+            if gains_share(search, best, one):
+                continue
+            if all(membership(search, one, i, covariates).established for i in one.ids):
+                return with_special_cases(search, one, covariates)
+    return best
+
+
+def without_doubtful(search: Search, best: Fit, covariates: Covariates) -> Fit:
+    """The set without the members that are not established, that of the smallest gain removed
+    first.
+    """
+    while best.ids:
+        findings = [membership(search, best, i, covariates) for i in best.ids]
+        doubtful = [m for m in findings if not m.established]
+        if not doubtful:
+            return best
+        weakest = min(doubtful, key=lambda m: (m.gain, m.id))
+        best = fit_without(search, best, weakest.id) if len(best.ids) > 1 else search.retuned
+    return best
+
+
+def is_established_rival(search: Search, rival: Fit, best: Fit, covariates: Covariates) -> bool:
+    """Whether the members of a tied set that an established one lacks gain significantly and keep
+    their sizes.
+    """
+    return all(
+        membership(search, rival, i, covariates).is_rival for i in rival.ids if i not in best.ids
+    )
+
+
+def established_extension(search: Search, best: Fit, covariates: Covariates) -> Fit | None:
+    """The best set of one more member whose members are all established; None if there is none."""
+    if best.ids:
+        grow(search, best)
+    for one in larger_sets(search, best)[: ESTABLISHED.tried]:
+        if all(membership(search, one, i, covariates).established for i in one.ids):
+            return one
+    return None
+
+
+def larger_sets(search: Search, best: Fit) -> Sequence[Fit]:
+    """Fitted sets of one member more than the given one, best first."""
+    found = (
+        f for f in search.ranked(len(best.ids) + 1) if set(best.ids) < set(f.ids) and is_valid(f)
+    )
+    return list(found)

@@ -1,0 +1,377 @@
+"""Consistency of an effect over the parts of its logs, and which members of a set are established:
+estimates against hand calculations, and effects of the catalogue against imitations.
+"""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gap_toy import SCALES, Toy
+from made_log import MadeLog, drive_log, rig
+from vgroove import _core
+from vgroove.gap import DiagnosisOptions, diagnose
+from vgroove.gap.catalogue import BY_ID, CATALOGUE
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Coordinate
+from vgroove.gap.selection import search_state
+from vgroove.gap.verdict import consistency, established
+from vgroove.gap.verdict.consistency import LIMITS, PartSizes
+from vgroove.gap.verdict.covariates import Covariates
+
+ONE_SIDED = {"effects.asymmetric_friction.forward_nm": 0.006}
+COULOMB = {"effects.coulomb_friction.torque_nm": 0.004}
+DRAG = {"effects.quadratic_drag.nm_s2_per_rad2": 6e-9}
+TOLERANCE = {"motor.resistance_ohm": 0.02}
+TRIED = ("coulomb_friction", "viscous_friction", "current_gain", "added_inertia")
+OPTIONS = DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in TRIED])
+
+
+def begun_search(toy: Toy, *ids: str) -> search_state.Search:
+    """A search over effects with the fit of each alone."""
+    effects = [BY_ID[i] for i in ids]
+    state = search_state.begin(Engine(toy, SCALES, TOLERANCE), effects, DiagnosisOptions())
+    state.fit_and_keep([state.engine.hypotheses([e])[0] for e in effects])
+    return state
+
+
+@pytest.fixture(scope="module")
+def friction() -> search_state.Search:
+    """A search on a toy with more Coulomb friction, with the fit of that friction."""
+    return begun_search(Toy(COULOMB), "coulomb_friction")
+
+
+@pytest.fixture(scope="module")
+def one_sided() -> search_state.Search:
+    """A search on a toy with a friction in one direction alone, fitted as Coulomb friction."""
+    return begun_search(Toy(ONE_SIDED), "coulomb_friction")
+
+
+def covariates(toy: Toy) -> Covariates:
+    """Speed and time of each residual."""
+    return {"speed": np.tile(toy.measured_rows[1], 3), "time since start": toy.time_s}
+
+
+def sizes_of(value: list[float], sigma: list[float]) -> PartSizes:
+    return PartSizes(np.array(value), np.array(sigma))
+
+
+# --- sizes in parts ---
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "mean", "between"),
+    [
+        # Q = 2, one degree of freedom, divisor 2 - 2/2 = 1: between^2 = (2 - 1) / 1
+        ([1.0, 3.0], [1.0, 1.0], 2.0, 1.0),
+        # weights 4, 4, 1: mean 16/9, Q = 7.5556, divisor 9 - 33/9 = 5.3333:
+        # between^2 = 5.5556 / 5.3333 = 1.041667; new weights 0.774194 (twice), 0.489796
+        ([1.0, 2.0, 4.0], [0.5, 0.5, 1.0], 2.100777, 1.020621),
+        # Q = 0.5 is less than its expectation, the two degrees of freedom
+        ([0.9, 1.1, 1.0], [0.2, 0.2, 0.2], 1.0, 0.0),
+    ],
+)
+def test_the_scatter_between_parts_is_that_of_dersimonian_and_laird(
+    value: list[float], sigma: list[float], mean: float, between: float
+) -> None:
+    found = sizes_of(value, sigma).scatter()
+    assert found == (pytest.approx(mean, rel=1e-5), pytest.approx(between, rel=1e-5, abs=1e-9))
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "constant"),
+    [
+        ([1.0, 3.0], [1.0, 1.0], True),  # scatter 1 of a mean of 2: just at the limit
+        ([1.0, 3.05], [1.0, 1.0], False),
+        ([1.0, 2.99], [1.0, 1.0], True),
+        ([-1.0, -1.1], [0.1, 0.1], False),
+        ([1.0] * 7 + [-0.15], [0.05] * 8, False),  # 3 sigma below 0 in one part
+        ([1.0] * 7 + [-0.15], [0.05] * 7 + [0.1], True),  # 1.5 sigma
+        ([1.0, 1.02, 0.97, 1.01], [0.02] * 4, True),
+    ],
+)
+def test_a_size_is_constant_if_its_sign_is_kept_and_its_scatter_is_at_most_half(
+    value: list[float], sigma: list[float], constant: bool
+) -> None:
+    found = sizes_of(value, sigma)
+    assert found.is_constant() is constant
+    scaled = PartSizes(3.0 * found.value, 3.0 * found.sigma)
+    assert scaled.is_constant() is constant
+
+
+def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Search) -> None:
+    best = friction.fits[("coulomb_friction",)]
+    divisions = list(consistency.partitions(friction))
+    assert [len(np.unique(part)) for part in divisions] == [LIMITS.time_parts, 2, 1]
+    for part in divisions:
+        found = consistency.part_sizes(friction, best, "coulomb_friction", part)
+        assert np.all(np.abs(found.value - 1.0) < 4.0 * found.sigma)
+        assert np.all(found.sigma < 0.05) and found.is_constant()
+    assert consistency.keeps_its_size(friction, best, "coulomb_friction", 0.1)
+
+
+def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_state.Search) -> None:
+    """A friction in one direction alone, fitted as Coulomb friction."""
+    best = one_sided.fits[("coulomb_friction",)]
+    part = next(consistency.partitions(one_sided))
+    found = consistency.part_sizes(one_sided, best, "coulomb_friction", part)
+    assert found.value.min() < 0.1 and found.value.max() > 1.4
+    assert not consistency.keeps_its_size(one_sided, best, "coulomb_friction", 1.0)
+
+
+def test_the_parts_of_time_are_contiguous_and_about_equal(friction: search_state.Search) -> None:
+    part, toy = next(consistency.partitions(friction)), friction.problem
+    for signal in range(3):
+        assert np.all(np.diff(part[toy.signal == signal]) >= 0)
+    counts = np.bincount(part)
+    assert counts.max() <= 1.01 * counts.min()
+
+
+def test_an_effect_that_no_division_shows_twice_must_close_nearly_all(
+    friction: search_state.Search,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best, whole = friction.fits[("coulomb_friction",)], np.zeros(friction.problem.n, int)
+    monkeypatch.setattr(consistency, "partitions", lambda _: iter([whole]))
+    for closed, kept in ((0.91, True), (0.89, False)):
+        assert consistency.keeps_its_size(friction, best, "coulomb_friction", closed) is kept
+
+
+def test_a_part_in_which_the_effect_does_not_act_does_not_count(
+    friction: search_state.Search,
+) -> None:
+    """Rows without sensitivity give no size."""
+    best = friction.fits[("coulomb_friction",)]
+    part = (friction.problem.time_s > 3.0).astype(int)
+    jacobian = np.where(part[:, None] == 1, 0.0, best.jacobian)
+    found = consistency.part_sizes(
+        friction, replace(best, jacobian=jacobian), "coulomb_friction", part
+    )
+    assert len(found.value) == 1
+
+
+def test_the_sensitivity_of_a_ripple_is_along_its_amplitude() -> None:
+    """Of a periodic effect both amplitudes scale together."""
+    cosine, sine = (
+        Coordinate(f"effects.cogging_torque.{name}", (0,), (1.0,), 0.0, -1.0, 1.0, role=role)
+        for name, role in (("torque_nm", "cosine"), ("phase_rad", "sine"))
+    )
+    other = Coordinate("effects.cogging_torque.periods_per_rev", (1,), (1.0,), 0.0, 0.0, 9.0)
+    best = SimpleNamespace(
+        hypothesis=SimpleNamespace(coordinates=(cosine, sine, other)),
+        x=np.array([2.0, 3.0, 5.0]),
+        jacobian=np.array([[1.0, 10.0, 100.0]]),
+        residual=np.zeros(1),
+    )
+    np.testing.assert_allclose(consistency.sensitivity(best, "cogging_torque"), [32.0])
+
+
+@pytest.mark.parametrize(
+    ("losses", "little"), [([0.0], True), ([-9.0], True), ([-11.0], False), ([-3.0] * 4, False)]
+)
+def test_the_parts_that_lose_may_lose_a_tenth_of_what_the_others_gain(
+    losses: list[float], little: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gains = np.array([60.0, 40.0, *losses])
+    blocks = SimpleNamespace(tested=np.ones(len(gains), bool))
+    monkeypatch.setattr(consistency, "partitions", lambda _: iter([np.arange(len(gains))]))
+    with_it = SimpleNamespace(out_of_fold=np.full(len(gains), 4.0))
+    without = SimpleNamespace(out_of_fold=np.sqrt(16.0 + gains))
+    state = SimpleNamespace(blocks=blocks)
+    assert consistency.loses_little(state, with_it, without) is little
+
+
+# --- flexible corrections ---
+
+
+def test_hat_functions_are_piecewise_linear_over_the_quantiles() -> None:
+    value = np.concatenate([np.random.default_rng(1).exponential(size=500), [np.nan] * 5])
+    hats = consistency.hat_functions(value)
+    assert hats.shape == (505, LIMITS.knots - 1)
+    assert np.all((hats >= 0.0) & (hats <= 1.0)) and not hats[500:].any()
+    assert np.all(hats[:500].sum(axis=1) <= 1.0 + 1e-12)
+    knots = np.quantile(value[:500], np.linspace(0.0, 1.0, LIMITS.knots))
+    np.testing.assert_allclose(
+        hats[:500] @ knots[1:] + knots[0] * (1 - hats[:500].sum(axis=1)), value[:500]
+    )
+    assert consistency.hat_functions(np.full(9, 2.0)).shape == (9, 0)
+
+
+def test_columns_of_noise_gain_nothing_and_a_column_in_the_residual_gains_its_power() -> None:
+    toy = Toy(COULOMB, oscillation_a=0.3)
+    state = begun_search(toy, "coulomb_friction")
+    best = state.fits[("coulomb_friction",)]
+    noise = np.random.default_rng(3).normal(size=(toy.n, 4))
+    assert abs(consistency.further_gain(state, best, noise)) < 10.0 * 4 / toy.n
+    wave = (toy.signal == 0) * np.sin(2.0 * np.pi * 7.3 * toy.time_s)
+    power = 0.5 * (0.3 / 0.15) ** 2 / 3.0  # of one signal of three
+    for scale in (1.0, 1e6):
+        gain = consistency.further_gain(state, best, scale * wave[:, None])
+        assert gain == pytest.approx(power, rel=0.05)
+    assert consistency.further_gain(state, best, np.zeros((toy.n, 2))) == pytest.approx(
+        0.0, abs=1e-6
+    )
+
+
+def test_a_column_of_the_fit_itself_gains_nothing(friction: search_state.Search) -> None:
+    best = friction.fits[("coulomb_friction",)]
+    own = consistency.sensitivity(best, "coulomb_friction")[:, None]
+    assert abs(consistency.further_gain(friction, best, own)) < 1e-3
+
+
+def test_an_imitation_gains_with_a_size_that_depends_on_speed() -> None:
+    true, false = Toy(DRAG), Toy(ONE_SIDED)
+    gains = []
+    for toy, name in ((true, "quadratic_drag"), (false, "coulomb_friction")):
+        state = begun_search(toy, name)
+        best = state.fits[(name,)]
+        gain = state.score(state.retuned) - state.score(best)
+        gains.append(consistency.varying_gain(state, best, name, covariates(toy)) / gain)
+    assert gains[0] < 0.01 and gains[1] > LIMITS.max_varying_gain
+
+
+def test_the_correction_of_the_subsystem_gains_where_another_of_its_effects_is_at_work() -> None:
+    toy = Toy(COULOMB | {"effects.quadratic_drag.nm_s2_per_rad2": 2e-9})
+    state = begun_search(toy, "coulomb_friction", "quadratic_drag", "current_gain")
+    best = state.fits[("coulomb_friction",)]
+    assert consistency.subsystem_gain(state, best, "coulomb_friction") > 0.1
+    alone = begun_search(Toy(COULOMB), "coulomb_friction", "quadratic_drag", "current_gain")
+    assert (
+        consistency.subsystem_gain(alone, alone.fits[("coulomb_friction",)], "coulomb_friction")
+        < 0.01
+    )
+
+
+# --- members ---
+
+
+def test_a_true_effect_is_established_and_an_imitation_is_not() -> None:
+    for truth, holds in ((COULOMB, True), (ONE_SIDED, False)):
+        toy = Toy(truth)
+        state = begun_search(toy, "coulomb_friction", "current_gain")
+        best = state.fits[("coulomb_friction",)]
+        found = established.membership(state, best, "coulomb_friction", covariates(toy))
+        assert found.established is holds and found.gain > 1.0
+        named = established.established_set(state, best, covariates(toy))
+        assert named.ids == (("coulomb_friction",) if holds else ())
+
+
+def test_a_rival_needs_a_significant_gain_and_a_kept_size_only() -> None:
+    whole = established.Membership("a", 1.0, *[True] * 6)
+    needed = {"significant", "keeps_size", "inside_bounds"}
+    assert whole.is_rival
+    for rule in ("loses_little", "complete", "constant", *needed):
+        assert replace(whole, **{rule: False}).is_rival is (rule not in needed)
+
+
+def test_the_members_by_which_a_rival_differs_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = {"a": False, "b": True, "c": True, "d": False}
+    monkeypatch.setattr(
+        established,
+        "membership",
+        lambda search, fit, effect_id, _: SimpleNamespace(is_rival=counts[effect_id]),
+    )
+    best = SimpleNamespace(ids=("a", "c"))
+    for ids, holds in ((("a", "b"), True), (("b",), True), (("a", "d"), False), (("d",), False)):
+        rival = SimpleNamespace(ids=ids)
+        assert established.is_established_rival(SimpleNamespace(), rival, best, {}) is holds
+
+
+def test_every_rule_is_needed() -> None:
+    whole = established.Membership("a", 1.0, *[True] * 6)
+    rules = [name for name in vars(whole) if name not in ("id", "gain")]
+    assert whole.established and len(rules) == 6
+    assert not any(replace(whole, **{rule: False}).established for rule in rules)
+
+
+@pytest.mark.parametrize(
+    ("gains", "enough"),
+    [
+        # of 30 per row that retuning leaves above the noise
+        ([1.1, 1.1, 1.1], True),
+        ([0.9, 0.9, 0.9], False),
+        ([0.0, 0.0, 1.9], True),  # a tenth of one signal alone
+        ([0.0, 0.0, 0.9], False),
+    ],
+)
+def test_a_member_must_gain_a_tenth_pooled_or_in_one_signal(
+    gains: list[float], enough: bool
+) -> None:
+    best = np.array([2.0, 2.0, 2.0])
+    assert established.gains_share(gains_state(best, np.array(gains)), "best", "without") is enough
+
+
+@pytest.mark.parametrize(
+    ("gain", "enough"),
+    [(0.30, True), (0.12, True), (0.08, False)],
+)
+def test_a_member_that_closes_half_of_what_the_others_leave_gains_enough(
+    gain: float, enough: bool
+) -> None:
+    """The set leaves 0.1 above the noise in each signal, 0.1 + gain without the member; a tenth of
+    what retuning leaves is 1 in each.
+    """
+    best = np.full(3, 1.0 / 3.0 + 0.1)
+    state = gains_state(best, np.full(3, gain))
+    assert established.gains_share(state, "best", "without") is enough
+
+
+def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
+    """A search with the squared gaps (3,) of the signals that a set leaves, and that it leaves
+    without a member, by gains more; retuning leaves 10 above the noise in each.
+    """
+    left = {"retuned": np.full(3, 10.0 + 1.0 / 3.0), "best": best, "without": best + gains}
+    return SimpleNamespace(
+        loss_by_signal=lambda one: left[one],
+        floor_by_signal=np.full(3, 1.0 / 3.0),
+        floor_power=1.0,
+        retuned="retuned",
+        sample_shares=np.full(3, 1.0 / 3.0),
+    )
+
+
+def test_a_number_at_a_bound_of_the_search_is_not_established() -> None:
+    toy = Toy(COULOMB)
+    state = begun_search(toy, "coulomb_friction")
+    best = state.fits[("coulomb_friction",)]
+    assert not consistency.is_at_bound(best, "coulomb_friction")
+    at_bound = replace(best, x=best.hypothesis.high.copy())
+    assert consistency.is_at_bound(at_bound, "coulomb_friction")
+    assert not consistency.is_at_bound(at_bound, "viscous_friction")
+
+
+def loaded_log() -> MadeLog:
+    """A log of a tool with a load that comes and goes, and that neither rig nor catalogue has."""
+    plain = drive_log(rig(), seconds=3.0)
+    time_s, duty = plain.time_s, plain.columns["duty"]
+    loaded = ((time_s > 0.9) & (time_s < 1.6)) | (time_s > 2.5)
+    rows = _core.simulate_log(
+        _core.LogInput(
+            time_s, "duty", duty, load_kind="torque", load_nm=0.25 * loaded, slew_per_s=6.0
+        ),
+        rig().parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )
+    rng = np.random.default_rng(2)
+    current = rows["current_a"][0] + 0.15 * rng.standard_normal(len(time_s))
+    supply = rows["supply_v"][0] + 0.02 * rng.standard_normal(len(time_s))
+    speed = rows["speed_rad_s"][0] * 30.0 / np.pi
+    return MadeLog(
+        time_s, {"duty": duty, "current_a": current, "supply_v": supply, "speed_rpm": speed}
+    )
+
+
+def test_a_load_outside_the_catalogue_is_not_named_as_friction() -> None:
+    sensors = {"hall_pulses_per_rev": 0, "speed_noise_rpm": 2.0}
+    verdict = diagnose([loaded_log()], rig(sensors=sensors), OPTIONS)
+    assert (verdict.verdict, verdict.selected) == ("unlisted", [])
+    assert verdict.gap.before > 3.0 and verdict.unexplained.significant
+
+
+def test_a_friction_of_the_catalogue_is_named() -> None:
+    log = drive_log(rig(effects={"coulomb_friction": {"torque_nm": 0.01}}), seconds=3.0)
+    verdict = diagnose([log], rig(), OPTIONS)
+    assert (verdict.verdict, verdict.selected) == ("effect", ["coulomb_friction"])
+    assert verdict.effects[0].evidence.comparison == "forward simulation"

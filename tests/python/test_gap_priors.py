@@ -1,0 +1,303 @@
+"""Priors: on the size of an effect, which decide between sets that predict equally well, and on the
+rig's values with a tolerance, which are log-normal; and the bounds of the search, which are no
+prior: they are widened where a fit ends at them.
+"""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gap_toy import SCALES, TOOL, Toy
+from made_log import MadeLog, drive_log, rig
+from vgroove import _core
+from vgroove.gap import DiagnosisOptions, diagnose, stages
+from vgroove.gap.catalogue import BY_ID, CATALOGUE
+from vgroove.gap.fitting.coordinates import WIDER, HypothesisBuilder
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.selection import search, search_state
+from vgroove.gap.selection.log_content import effect_scales
+from vgroove.rig import Rig, rig_from_dict
+from vgroove.units import RAD_S_PER_RPM
+
+INERTIA = "motor.inertia_kg_m2"
+CLOCK, ADDED = BY_ID["clock_skew"], BY_ID["added_inertia"]
+CRYSTAL, UNKNOWN = 1e-4, 0.02  # standard deviation of a clock, relative
+SLOW_ROW_S, SLOW_LOG_S = 0.03, 12.0  # 20 rows are half of the longest delay that is tried first
+
+
+class ClockToy(Toy):
+    """A toy in which a clock that is 1 % slow looks like 1 % more inertia; of_speed: share of the
+    clock's error that scales the measured speed too, which no inertia does.
+    """
+
+    of_speed = 0.0
+
+    def _run(self, theta: np.ndarray, commands: np.ndarray, w: np.ndarray) -> np.ndarray:
+        theta = theta.copy()
+        clock = theta[:, self.index("effects.clock_skew.relative")]
+        inertia = theta[:, self.index(INERTIA)]
+        theta[:, self.index("effects.added_inertia.kg_m2")] += clock * inertia
+        theta[:, self.index("effects.speed_gain.relative")] += self.of_speed * clock
+        return super()._run(theta, commands, w)
+
+
+class SeparableClockToy(ClockToy):
+    """A toy whose clock also scales the speed."""
+
+    of_speed = 0.2
+
+
+def selected(toy: Toy, clock: float) -> search.Selection:
+    """Selection between an added inertia and a wrong clock, whose standard deviation is given."""
+    scales = SCALES.__class__(**vars(SCALES) | {"clock": clock})
+    state = search_state.begin(Engine(toy, scales, {}), [ADDED, CLOCK], DiagnosisOptions())
+    return search.select(state)
+
+
+def named_and_rivals(found: search.Selection) -> tuple[tuple[str, ...], set[str]]:
+    return found.best.ids, {i for f in found.rivals for i in f.ids}
+
+
+# --- sizes of effects ---
+
+
+def test_a_crystal_prefers_an_added_inertia_to_a_clock_that_is_one_percent_wrong() -> None:
+    toy = ClockToy({"effects.added_inertia.kg_m2": 0.01 * 1.8e-5 * 4.0})
+    assert named_and_rivals(selected(toy, CRYSTAL)) == (("added_inertia",), set())
+    assert named_and_rivals(selected(toy, UNKNOWN)) == (("added_inertia",), {"clock_skew"})
+
+
+def test_a_prior_never_decides_against_the_data() -> None:
+    """The clock predicts better, however implausible it is."""
+    toy = SeparableClockToy({"effects.clock_skew.relative": 0.04})
+    for clock in (CRYSTAL, UNKNOWN):
+        found = selected(toy, clock)
+        assert named_and_rivals(found) == (("clock_skew",), set())
+        assert search.is_implausible(found.search, found.best) is (clock == CRYSTAL)
+
+
+@pytest.mark.parametrize(("size", "implausible"), [(5.1, False), (5.3, True), (-5.3, True)])
+def test_a_size_is_implausible_below_a_hundredth_of_the_density_at_zero(
+    size: float, implausible: bool
+) -> None:
+    """Student's t of 3 degrees of freedom: (1 + z^2 / 3)^-2 is 0.01 at z = sqrt(27) = 5.196."""
+    toy = Toy({})
+    engine = Engine(toy, SCALES, {})
+    one = engine.fit(engine.hypotheses([ADDED])[:1], 0)[0]
+    one.x = np.array(
+        [size * ADDED.leading.plausible(SCALES) / one.hypothesis.coordinates[0].factors[0]]
+    )
+    state = SimpleNamespace(problem=toy, engine=engine, contradicts_edge_scale=lambda _: False)
+    assert search.is_implausible(state, one) is implausible
+    assert search.preference(state, one)[0] is implausible
+
+
+def test_the_prior_density_of_a_set_is_the_product_over_its_members() -> None:
+    """Student's t of 3 degrees of freedom: (1 + 3 / 3)^-2 = 1/4 at z = sqrt(3), 1/16 for two."""
+    toy = Toy({})
+    engine = Engine(toy, SCALES, {})
+    state = SimpleNamespace(problem=toy, engine=engine)
+    effects = [ADDED, BY_ID["current_offset"]]
+    theta = toy.theta0.copy()
+    one = SimpleNamespace(ids=tuple(e.id for e in effects), theta=lambda _: theta)
+    assert search.prior_density(state, one) == 1.0
+    for effect, density in zip(effects, (0.25, 0.0625), strict=True):
+        theta[toy.index(effect.name(effect.leading))] = np.sqrt(3.0) * effect.leading.plausible(
+            SCALES
+        )
+        assert search.prior_density(state, one) == pytest.approx(density)
+    theta[:] = 1e90
+    assert search.prior_density(state, one) > 0.0  # the odds of two such sets stay finite
+
+
+def test_of_a_limit_small_values_are_odd() -> None:
+    """A saturation acts at small currents where its limit is small."""
+    effect = BY_ID["magnetic_saturation"]
+    plausible = effect.leading.plausible(SCALES)
+    assert effect.oddity(plausible, SCALES) == pytest.approx(1.0)
+    assert effect.oddity(0.1 * plausible, SCALES) == pytest.approx(10.0)
+    assert effect.oddity(10.0 * plausible, SCALES) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.id)
+def test_the_typical_size_of_an_effect_is_plausible(effect: object) -> None:
+    if effect.leading.plausible is None or effect.leading.neutral != 0.0:
+        return
+    size = effect.leading.size(SCALES)
+    assert effect.leading.plausible(SCALES) > 0.0
+    assert effect.oddity(size, SCALES) < 5.0
+    assert effect.oddity(-size, SCALES) == effect.oddity(size, SCALES)
+
+
+@pytest.mark.parametrize(("sensors", "clock"), [({}, UNKNOWN), ({"clock_ppm": 100}, CRYSTAL)])
+def test_the_rig_states_how_far_the_clock_may_be_wrong(
+    sensors: dict[str, float], clock: float
+) -> None:
+    log = drive_log(rig(), seconds=1.0, levels=[(0.1, 0.5)])
+    assert effect_scales(load_problem([log], rig(sensors=sensors))).clock == pytest.approx(clock)
+
+
+# --- tolerances ---
+
+
+def nuisance(sigma: float) -> HypothesisBuilder:
+    return HypothesisBuilder(Toy({}), SCALES, {INERTIA: sigma})
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.1, 0.4, 2.0])
+def test_a_value_with_a_tolerance_stays_positive_within_three_sigma(sigma: float) -> None:
+    builder = nuisance(sigma)
+    (one,) = builder.nuisance()
+    assert (one.low, one.high) == (-MAX_NUISANCE_SIGMAS, MAX_NUISANCE_SIGMAS) == (-3.0, 3.0)
+    (hypothesis,) = builder.hypotheses([], builder.nuisance(), np.zeros(1))
+    x = np.array([[-3.0], [-1.0], [0.0], [1.0], [3.0]])
+    values = hypothesis.theta(builder.problem.theta0, x)[:, builder.problem.index(INERTIA)]
+    assert np.all(values > 0.0) and values[2] == TOOL["motor"]["inertia_kg_m2"]
+    # the relative standard deviation of a log-normal value whose logarithm has this one
+    log_sigma = np.log(values[3] / values[2])
+    assert np.sqrt(np.expm1(log_sigma**2)) == pytest.approx(sigma)
+    assert values[0] * values[4] == pytest.approx(values[2] ** 2)
+
+
+@pytest.mark.parametrize("sigma", [0.001, 0.01, 0.03])
+def test_a_small_tolerance_is_linear_to_first_order(sigma: float) -> None:
+    builder = nuisance(sigma)
+    (hypothesis,) = builder.hypotheses([], builder.nuisance(), np.zeros(1))
+    x = np.linspace(-3.0, 3.0, 7)[:, None]
+    values = hypothesis.theta(builder.problem.theta0, x)[:, builder.problem.index(INERTIA)]
+    linear = TOOL["motor"]["inertia_kg_m2"] * (1.0 + sigma * x[:, 0])
+    np.testing.assert_allclose(values, linear, rtol=1.1 * (3.0 * sigma) ** 2 / 2.0 + 1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.4, 2.5])
+def test_an_inertia_known_to_forty_percent_is_retuned(factor: float) -> None:
+    """A linear form would be negative at three sigma."""
+    toy = Toy({INERTIA: factor * TOOL["motor"]["inertia_kg_m2"]})
+    engine = Engine(toy, SCALES, {INERTIA: 0.4})
+    retuned = engine.fit(engine.hypotheses([]))[0]
+    value = retuned.theta(toy.theta0)[toy.index(INERTIA)]
+    assert value == pytest.approx(factor * TOOL["motor"]["inertia_kg_m2"], rel=0.01)
+
+
+def test_a_log_with_an_inertia_known_to_forty_percent_is_diagnosed() -> None:
+    tool = rig(tolerance={INERTIA: 0.4})
+    log = drive_log(
+        rig(motor={"inertia_kg_m2": 0.6e-5}), seconds=2.0, levels=[(0.2, 0.8), (1.0, 0.3)]
+    )
+    only = DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id != "coulomb_friction"])
+    verdict = diagnose([log], tool, only)
+    assert verdict.verdict == "none"
+    assert verdict.retuned_parameters[INERTIA] == pytest.approx(0.6e-5, rel=0.05)
+
+
+# --- bounds of the search ---
+
+
+def coordinate(physical: str, low: float = -2.0) -> Coordinate:
+    return Coordinate("a", (0,), (1.0,), 0.0, low, 3.0, physical=physical)
+
+
+@pytest.mark.parametrize(
+    ("physical", "low", "at_low", "at_high"),
+    [
+        ("", -2.0, True, True),
+        ("low", -2.0, False, True),
+        ("high", -2.0, True, False),
+        ("both", -2.0, False, False),
+        ("", 0.0, False, True),  # 0 always is physical: no effect
+    ],
+)
+def test_only_bounds_of_the_search_count_as_bounds(
+    physical: str, low: float, at_low: bool, at_high: bool
+) -> None:
+    one = coordinate(physical, low)
+    assert one.ends_at_search_bound(low) is at_low
+    assert one.ends_at_search_bound(3.0) is at_high
+    assert not one.ends_at_search_bound(1.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "widened"), [("current_offset", True), ("clock_skew", False), ("speed_gain", True)]
+)
+def test_a_bound_at_which_a_fit_ends_is_widened_unless_it_is_a_range(
+    effect: str, widened: bool
+) -> None:
+    """The range of the clock's error is that of docs/spec/gap.md, section 3."""
+    engine = Engine(Toy({}), SCALES, {INERTIA: 0.1})
+    (hypothesis, *_) = engine.hypotheses([BY_ID[effect]])
+    one = engine.fit([hypothesis], 0)[0]
+    one.x = hypothesis.high.copy()
+    assert engine.builder.widen(one) is widened
+    (again, *_) = engine.hypotheses([BY_ID[effect]])
+    assert again.high[0] == pytest.approx(hypothesis.high[0] * (WIDER if widened else 1.0))
+    np.testing.assert_array_equal(again.high[1:], hypothesis.high[1:])  # of the nuisance parameter
+    one.x = 0.5 * hypothesis.high
+    assert not engine.builder.widen(one)
+
+
+def slow_tool(delay_s: float = 0.0) -> Rig:
+    """A voltage-driven tool, 33 rows a second."""
+    tool = rig(
+        sensors={
+            "hall_pulses_per_rev": 0,
+            "speed_noise_rpm": 5.0,
+            "speed_lsb_rpm": 0.0,
+            "log_hz": 33,
+        },
+        effects={"transport_delay": {"delay_s": delay_s}} if delay_s else {},
+    ).as_dict()
+    return rig_from_dict(tool | {"input": {"kind": "voltage_v"}}, "a slow logger")
+
+
+def steps(time_s: np.ndarray) -> np.ndarray:
+    """Voltages (rows,) that change at random every 16 rows."""
+    levels = np.random.default_rng(4).uniform(2.0, 14.0, len(time_s) // 16 + 1)
+    return np.repeat(levels, 16)[: len(time_s)]
+
+
+def wave(time_s: np.ndarray) -> np.ndarray:
+    """A voltage (rows,) whose period is much longer than any delay."""
+    return 8.0 + 4.0 * np.sin(2.0 * np.pi * time_s / 8.0)
+
+
+def delayed_log(delay_s: float, command: Callable[[np.ndarray], np.ndarray]) -> MadeLog:
+    """A log of the tool, with a delay that its rig lacks."""
+    rng, time_s = np.random.default_rng(5), np.arange(0.0, SLOW_LOG_S, SLOW_ROW_S)
+    voltage, tool = command(time_s), slow_tool(delay_s)
+    rows = _core.simulate_log(
+        _core.LogInput(time_s, "voltage_v", voltage),
+        tool.parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )
+    speed = rows["speed_measured_rad_s"][0] / RAD_S_PER_RPM + 5.0 * rng.standard_normal(len(time_s))
+    return MadeLog(time_s, {"voltage_v": voltage, "speed_rpm": speed})
+
+
+def test_a_delay_of_twenty_rows_of_a_slow_logger_is_found() -> None:
+    """It lies beyond the 0.1 s that bound the delay of a fast logger."""
+    tried = ("transport_delay", "coulomb_friction")
+    options = DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in tried])
+    delay_s = 20 * SLOW_ROW_S
+    verdict = diagnose([delayed_log(delay_s, steps)], slow_tool(), options)
+    assert verdict.selected[:1] == ["transport_delay"]
+    found = verdict.effects[0].parameters["delay_s"].value
+    assert found == pytest.approx(delay_s, abs=0.2 * SLOW_ROW_S)
+
+
+def test_a_delay_beyond_the_first_bound_widens_it() -> None:
+    """The first bound is 32 rows, 0.96 s."""
+    delay_s = 1.2
+    problem = load_problem([delayed_log(delay_s, wave)], slow_tool())
+    tried = ("transport_delay", "coulomb_friction")
+    options = DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in tried])
+    state = stages.begin_search(problem, options)
+    assert BY_ID["transport_delay"].leading.high(state.engine.scales) == pytest.approx(0.96)
+    one = stages.select(state).search.fits[("transport_delay",)]
+    (delay, *_) = one.hypothesis.coordinates
+    assert one.x[0] * delay.factors[0] == pytest.approx(delay_s, abs=SLOW_ROW_S)
+    assert not delay.ends_at_search_bound(float(one.x[0]))

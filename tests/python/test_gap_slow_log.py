@@ -1,0 +1,109 @@
+"""Logs of slow loggers, and logs whose rows are instants: restarts at intervals of several rows,
+and the command of a row held from the row on.
+"""
+
+import numpy as np
+import pytest
+
+from made_log import MadeLog, drive_log, rig
+from vgroove import _core
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.restarts import RESTART, restart_interval_s
+from vgroove.rig import Rig, rig_from_dict
+from vgroove.units import RAD_S_PER_RPM
+
+RESTART_S, NOISE_RPM = 0.25, 5.0
+ROWS = 400
+
+
+def slow_tool(hold: str = "before") -> Rig:
+    """A voltage-driven tool with a speed column that is not made from edges."""
+    sensors = {"hall_pulses_per_rev": 0, "speed_noise_rpm": NOISE_RPM, "speed_lsb_rpm": 0.0}
+    data = rig(sensors=sensors).as_dict() | {"input": {"kind": "voltage_v", "hold": hold}}
+    return rig_from_dict(data, "a slow logger")
+
+
+def slow_log(row_s: float) -> MadeLog:
+    """A log of the tool under a voltage that changes slowly, from rest."""
+    time_s = row_s * np.arange(ROWS)
+    wave = 8.0 + 3.0 * np.sin(2.0 * np.pi * time_s / (100.0 * row_s))
+    voltage = wave * np.clip(time_s / row_s / 20.0 - 0.5, 0.0, 1.0)
+    rows = _core.simulate_log(
+        _core.LogInput(time_s, "voltage_v", voltage),
+        slow_tool().parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )
+    noise = NOISE_RPM * np.random.default_rng(1).standard_normal(ROWS)
+    speed = rows["speed_measured_rad_s"][0] / RAD_S_PER_RPM + noise
+    return MadeLog(time_s, {"voltage_v": voltage, "speed_rpm": speed})
+
+
+@pytest.mark.parametrize(
+    ("row_s", "interval_s"),
+    [(0.001, 0.25), (0.018, 0.25), (0.03125, 0.25), (0.032, 0.256), (0.05, 0.4), (0.1, 0.8)],
+)
+def test_the_interval_between_restarts_is_at_least_eight_rows(
+    row_s: float, interval_s: float
+) -> None:
+    assert RESTART.min_interval_rows == 8.0
+    time_s = 7.0 + row_s * np.arange(100)
+    assert restart_interval_s(time_s, RESTART_S) == pytest.approx(interval_s)
+    assert restart_interval_s(time_s, 3.0) == 3.0
+    gap = np.concatenate([time_s[:50], 100.0 + time_s[50:]])  # a hole in the log
+    assert restart_interval_s(gap, RESTART_S) == pytest.approx(interval_s)
+
+
+@pytest.mark.parametrize("row_s", [0.018, 0.031, 0.06, 0.1])
+def test_a_slow_logger_has_restarts_at_that_interval(row_s: float) -> None:
+    problem = load_problem([slow_log(row_s)], slow_tool())
+    restarts = problem.runs[0].restarts
+    wanted = max(RESTART_S, 8.0 * row_s)
+    assert problem.restart_s == pytest.approx(wanted)
+    steps = np.diff(restarts.rows) * row_s
+    assert len(steps) > 0.8 * ROWS * row_s / wanted
+    assert np.median(steps) == pytest.approx(wanted, abs=row_s)
+    assert np.min(np.diff(restarts.rows)) >= RESTART.min_rows
+
+
+@pytest.mark.parametrize("row_s", [0.018, 0.031, 0.06, 0.1])
+def test_a_slow_logger_restarts_from_the_true_speed(row_s: float) -> None:
+    log = slow_log(row_s)
+    exact = log.columns["speed_rpm"] - NOISE_RPM * np.random.default_rng(1).standard_normal(ROWS)
+    restarts = load_problem([log], slow_tool()).runs[0].restarts
+    error = restarts.measured[1:, 1] / RAD_S_PER_RPM - exact[restarts.rows[1:]]
+    assert float(np.sqrt(np.mean(error**2))) < 2.0 * NOISE_RPM
+
+
+@pytest.mark.parametrize("row_s", [0.018, 0.1])
+def test_a_slow_log_of_the_rig_itself_is_noise(row_s: float) -> None:
+    problem = load_problem([slow_log(row_s)], slow_tool())
+    assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.3
+
+
+def test_a_command_that_holds_after_its_row_is_the_command_of_the_next_row() -> None:
+    log = drive_log(rig(), seconds=2.0, levels=[(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)])
+    instants = MadeLog(log.time_s, dict(log.columns))
+    # the same run, each command written into the row before
+    duty = log.columns["duty"]
+    instants.columns["duty"] = np.concatenate([duty[1:], duty[-1:]])
+    after, before = rig(input={"hold": "after"}), rig()
+    assert after.command_holds_after and not before.command_holds_after
+    assert not rig(input={"hold": "before"}).command_holds_after
+    same, one = load_problem([instants], after), load_problem([log], before)
+    np.testing.assert_allclose(
+        same.runs[0].driving.command[1:], one.runs[0].driving.command[1:], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        same.residuals(same.theta0)[0], one.residuals(one.theta0)[0], atol=1e-6
+    )
+    late = load_problem([log], after)
+    assert late.gap(late.residuals(late.theta0)[0]) > 1.05 * one.gap(one.residuals(one.theta0)[0])
+
+
+def test_the_first_command_of_instants_holds_from_the_start() -> None:
+    log = slow_log(0.02)
+    command = load_problem([log], slow_tool("after")).runs[0].driving.command
+    plain = load_problem([log], slow_tool()).runs[0].driving.command
+    np.testing.assert_allclose(command[1:], plain[:-1], atol=0.02)
+    assert command[0] == pytest.approx(plain[0], abs=1e-6)

@@ -1,0 +1,310 @@
+"""The torque balance along the measured motion: its torques are those of a calculation by hand, it
+is 0 for the true parameters, an effect without torque does not bring it to 0, and it is used where
+the forward simulation of a noisy, slow driving column predicts nothing.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from made_log import MadeLog, drive_log, rig
+from vgroove import _core
+from vgroove.gap import DiagnosisOptions, diagnose, stages
+from vgroove.gap.catalogue import BY_ID, CATALOGUE
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.torque_balance import (
+    BALANCE,
+    GAINED,
+    NET_TORQUE,
+    BalanceProblem,
+    balance_problem,
+)
+from vgroove.gap.selection import search_state
+from vgroove.gap.selection.comparison import BALANCE as TORQUE_BALANCE
+from vgroove.gap.selection.comparison import FORWARD, comparison_of, is_blind, reference_fit
+from vgroove.gap.selection.log_content import effect_scales
+from vgroove.gap.selection.search_state import Search
+from vgroove.gap.simulate import compute_gap
+from vgroove.rig import Rig, rig_from_dict
+from vgroove.units import RAD_S_PER_RPM
+
+ROW_S, ROWS, SPEED_RPM = 2e-3, 1000, 3000.0
+TIME_S = ROW_S * np.arange(ROWS)
+ENCODER = {"hall_pulses_per_rev": 0, "speed_lsb_rpm": 0.0, "speed_noise_rpm": 1.0}
+ENCODER |= {"current_noise_a": 0.03, "current_lsb_a": 0.0}
+LEVEL = {"current_a": 2.0, "voltage_v": 6.0, "duty": 0.33}
+# the motor of tests/data/real/robotino_m1_current, 4 rows a second
+SLOW_ROW_S, SLOW_ROWS, SLOW_NOISE_A = 0.25, 240, 0.03
+SLOW_MOTOR = {
+    "resistance_ohm": 5.95,
+    "inductance_h": 0.0089,
+    "torque_constant_nm_per_a": 0.0514,
+    "inertia_kg_m2": 1.4629e-06,
+    "viscous_nm_s_per_rad": 2.5841e-05,
+    "coulomb_nm": 0.0,
+}
+FRICTIONS = ("coulomb_friction", "viscous_friction")
+ONLY_FRICTIONS = DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in FRICTIONS])
+
+
+def tool_of(kind: str, **effects: dict[str, float]) -> Rig:
+    """The impact driver's motor with a speed column of small noise, driven by a column."""
+    data = rig(sensors=ENCODER, effects=effects).as_dict()
+    return rig_from_dict(data | {"input": {"kind": kind}}, "the test's rig")
+
+
+def simulated_log(tool: Rig, command: np.ndarray, row_s: float = ROW_S) -> MadeLog:
+    """A log without noise of a tool from rest."""
+    kind, time_s = tool.input["kind"], row_s * np.arange(len(command))
+    rows = _core.simulate_log(
+        _core.LogInput(time_s, kind, command),
+        tool.parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )
+    columns = {kind: command, "speed_rpm": rows["speed_measured_rad_s"][0] / RAD_S_PER_RPM}
+    if kind != "current_a":
+        columns["current_a"] = rows["current_a"][0]
+    return MadeLog(time_s, columns)
+
+
+def gentle(kind: str) -> np.ndarray:
+    """A command (ROWS,) without steps, in one direction."""
+    wave = 1.0 + 0.3 * np.sin(2.0 * np.pi * TIME_S)
+    return LEVEL[kind] * wave * np.minimum(1.0, 0.3 + TIME_S if kind == "current_a" else TIME_S)
+
+
+def balance_of(log: MadeLog, tool: Rig) -> BalanceProblem:
+    """The torque balance of a log."""
+    found = balance_problem(load_problem([log], tool))
+    assert found is not None
+    return found
+
+
+def torque_rms(problem: BalanceProblem, **values: float) -> float:
+    """RMS of the torque residuals, in sigmas, with parameters `effects.<id>.<name>` given as
+    id__name.
+    """
+    theta = problem.theta0.copy()
+    for name, value in values.items():
+        theta[problem.index("effects." + name.replace("__", "."))] = value
+    of_torque = problem.signal == [s.column for s in problem.signals].index("torque_nm")
+    return float(np.sqrt(np.mean(problem.residuals(theta)[0][of_torque] ** 2)))
+
+
+def held_log(kind: str, sign: float) -> MadeLog:
+    """A command and a speed that are constant, but for a speed error below its noise: a constant
+    column would be refused as a dead sensor.
+    """
+    speed = sign * SPEED_RPM + 1e-3 * (np.arange(ROWS) % 7)
+    columns = {kind: np.full(ROWS, sign * LEVEL[kind]), "speed_rpm": speed}
+    return MadeLog(TIME_S, columns)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("kind", ["current_a", "voltage_v"])
+def test_the_net_torque_at_a_held_speed_is_that_of_the_equation_of_motion(
+    kind: str, sign: float
+) -> None:
+    tool = tool_of(kind)
+    problem, motor = balance_of(held_log(kind, sign), tool), tool.motor
+    constant, speed = motor["torque_constant_nm_per_a"], sign * SPEED_RPM * RAD_S_PER_RPM
+    current = sign * LEVEL[kind]
+    if kind == "voltage_v":
+        current = (current - constant * speed) / motor["resistance_ohm"]
+    friction = sign * motor["coulomb_nm"] + motor["viscous_nm_s_per_rad"] * speed
+    net = problem.simulate(problem.theta0)[0][NET_TORQUE][0, 1:] / ROW_S
+    np.testing.assert_allclose(net, constant * current - friction, rtol=1e-4)
+
+
+@pytest.mark.parametrize("inductance", [-0.9, 0.0, 2.0])
+def test_the_torque_of_a_unit_of_the_column_is_that_of_the_steady_motor(inductance: float) -> None:
+    """Whatever the winding's time constant: an inductance is no error of the torque."""
+    for kind, unit in (("current_a", 1.0), ("voltage_v", 1.0 / 0.19)):
+        problem = balance_of(held_log(kind, 1.0), tool_of(kind))
+        theta = problem.theta0.copy()
+        theta[problem.index("effects.inductance.relative")] = inductance
+        gained = problem.simulate(theta)[0][GAINED][0, 1:] / ROW_S
+        shift = BALANCE.shift_share * LEVEL[kind]
+        np.testing.assert_allclose(gained, 0.0109 * unit * shift, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sigmas"), [("current_a", 1e-3), ("voltage_v", 0.1), ("duty", 0.1)]
+)
+def test_the_balance_of_a_noiseless_log_is_zero_for_the_true_parameters(
+    kind: str, sigmas: float
+) -> None:
+    extra = {"coulomb_friction": {"torque_nm": 0.004}}
+    log = simulated_log(tool_of(kind, **extra), gentle(kind))
+    problem = balance_of(log, tool_of(kind))
+    assert torque_rms(problem, coulomb_friction__torque_nm=0.004) < sigmas
+    assert torque_rms(problem) > 20.0 * sigmas
+
+
+@pytest.mark.parametrize("kind", ["current_a", "duty"])
+def test_rows_that_are_instants_have_the_same_balance(kind: str) -> None:
+    """The same run, each command written into the row before and held from there on."""
+    log = simulated_log(tool_of(kind), gentle(kind))
+    column = log.columns[kind]
+    shifted = log.columns | {kind: np.concatenate([column[1:], column[-1:]])}
+    after = tool_of(kind).as_dict() | {"input": {"kind": kind, "hold": "after"}}
+    instants = balance_of(MadeLog(log.time_s, shifted), rig_from_dict(after, "instants"))
+    plain = balance_of(log, tool_of(kind))
+    for theta in (plain.theta0, 1.1 * plain.theta0):
+        np.testing.assert_allclose(
+            instants.residuals(theta)[0], plain.residuals(theta)[0], atol=1e-3, rtol=1e-3
+        )
+
+
+@pytest.mark.parametrize("kind", ["current_a", "voltage_v"])
+@pytest.mark.parametrize(
+    "removed",
+    [{"torque_constant__relative": -0.95}, {"magnetic_saturation__saturation_a": 0.05}],
+    ids=["constant", "saturation"],
+)
+def test_an_effect_that_removes_the_torque_does_not_close_the_balance(
+    kind: str, removed: dict[str, float]
+) -> None:
+    """Without division by the torque of a unit of the column a motor without torque would balance
+    any motion at nearly constant speed.
+    """
+    extra = {"coulomb_friction": {"torque_nm": 0.02}}
+    problem = balance_of(simulated_log(tool_of(kind, **extra), 2.0 * gentle(kind)), tool_of(kind))
+    assert torque_rms(problem, **removed) > torque_rms(problem) > 1.0
+
+
+def slow_rig() -> Rig:
+    """A motor driven by a measured current, 4 rows a second."""
+    return rig_from_dict(
+        {
+            "schema": "vgroove.rig/1",
+            "input": {"kind": "current_a"},
+            "supply": {"voltage_v": 24.0},
+            "motor": SLOW_MOTOR,
+            "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 1e-9},
+            "mechanism": {"kind": "none"},
+            "load": {"kind": "none"},
+            "sensors": {"log_hz": 4, "current_noise_a": SLOW_NOISE_A, "speed_lsb_rpm": 3.4},
+        },
+        "a slow logger",
+    )
+
+
+def slow_log(coulomb_nm: float, viscous: float, seed: int = 1) -> MadeLog:
+    """A steady speed of either sign in each 2 s, at the current that it requires with more friction
+    than the rig states; the measured current has noise.
+    """
+    rng, k = np.random.default_rng(seed), SLOW_MOTOR["torque_constant_nm_per_a"]
+    speed = np.repeat(
+        rng.choice([-1.0, 1.0], SLOW_ROWS // 8) * rng.uniform(20, 120, SLOW_ROWS // 8), 8
+    )
+    friction = coulomb_nm * np.sign(speed)
+    friction += (viscous + SLOW_MOTOR["viscous_nm_s_per_rad"]) * speed
+    current = friction / k + SLOW_NOISE_A * rng.standard_normal(SLOW_ROWS)
+    rpm = np.round(speed / RAD_S_PER_RPM / 3.4 + 0.3 * rng.standard_normal(SLOW_ROWS)) * 3.4
+    return MadeLog(SLOW_ROW_S * np.arange(SLOW_ROWS), {"current_a": current, "speed_rpm": rpm})
+
+
+@pytest.mark.parametrize(
+    ("coulomb_nm", "viscous", "named", "size"),
+    [(0.009, 0.0, "coulomb_friction", 0.009), (0.0, 9e-5, "viscous_friction", 9e-5)],
+)
+def test_a_slow_noisy_current_tells_coulomb_from_viscous_friction(
+    coulomb_nm: float, viscous: float, named: str, size: float
+) -> None:
+    verdict = diagnose([slow_log(coulomb_nm, viscous)], slow_rig(), ONLY_FRICTIONS)
+    assert (verdict.verdict in ("effect", "partial"), verdict.selected) == (True, [named])
+    found = verdict.effects[0]
+    (value,) = found.parameters.values()
+    assert value.value == pytest.approx(size, rel=0.15)
+    assert value.ci95[0] < size < value.ci95[1]
+    assert found.evidence is not None and found.evidence.after < 0.5 * found.evidence.before
+
+
+def test_a_slow_noisy_current_is_compared_in_the_torque_balance() -> None:
+    problem = load_problem([slow_log(0.009, 0.0)], slow_rig())
+    search = stages.begin_search(problem, ONLY_FRICTIONS)
+    assert comparison_of(search) == TORQUE_BALANCE
+    assert isinstance(search.problem, BalanceProblem) and search.simulated is problem
+    assert search.gap_residual(search.nominal).shape == (problem.n,)
+
+
+def test_the_gap_of_a_balance_is_that_of_the_forward_simulation() -> None:
+    """Before and after the correction it is what `vgroove sim` computes."""
+    log = slow_log(0.009, 0.0)
+    verdict = diagnose([log], slow_rig(), ONLY_FRICTIONS)
+    assert verdict.effects[0].evidence.comparison == TORQUE_BALANCE
+    assert set(verdict.gap.by_signal) == {"speed_rpm"}
+    before, refit = (
+        compute_gap(tool, [log])[0]["gap"] for tool in (slow_rig(), verdict.corrected_rig())
+    )
+    assert verdict.gap.before == pytest.approx(before, rel=1e-3)
+    assert verdict.gap.refit == pytest.approx(refit, rel=0.01)
+    signal = verdict.gap.by_signal["speed_rpm"]
+    assert signal.after_share < signal.before_share
+
+
+@pytest.mark.parametrize("kind", ["duty", "voltage_v", "current_a"])
+def test_a_fast_log_stays_in_the_forward_simulation(kind: str) -> None:
+    """A thousand rows a second, of a tool with more friction than its rig states."""
+    extra = {"coulomb_friction": {"torque_nm": 0.004}}
+    log = simulated_log(tool_of(kind, **extra), gentle(kind), row_s=1e-3)
+    noise = np.random.default_rng(1).standard_normal(ROWS)
+    log.columns["speed_rpm"] = log.columns["speed_rpm"] + ENCODER["speed_noise_rpm"] * noise
+    search = stages.begin_search(load_problem([log], tool_of(kind)), ONLY_FRICTIONS)
+    assert comparison_of(search) == FORWARD and search.simulated is search.problem
+
+
+def test_the_forward_simulation_is_blind_where_the_driving_column_makes_the_speed_uncertain() -> (
+    None
+):
+    """Of the slow log the noise of the current is a speed of the order of the signal; of a fast log
+    with the same friction it is not.
+    """
+    slow = begin(slow_log(0.009, 0.0), slow_rig())
+    extra = {"coulomb_friction": {"torque_nm": 0.004}}
+    tool = tool_of("duty")
+    fast = begin(simulated_log(tool_of("duty", **extra), gentle("duty"), row_s=1e-3), tool)
+    assert is_blind(slow, slow.problem, reference_fit(slow))
+    assert not is_blind(fast, fast.problem, reference_fit(fast))
+
+
+def begin(log: MadeLog, tool: Rig) -> Search:
+    """A search in the forward simulation."""
+    problem = load_problem([log], tool)
+    engine = Engine(problem, effect_scales(problem), {})
+    return search_state.begin(engine, [BY_ID[i] for i in FRICTIONS], ONLY_FRICTIONS)
+
+
+@pytest.mark.parametrize(
+    ("nominal", "left", "blind"), [(1.2, 0.6, True), (1.2, 0.4, False), (0.9, 0.6, False)]
+)
+def test_a_model_worse_than_none_is_blind_unless_the_reference_effects_explain_it(
+    nominal: float, left: float, blind: bool
+) -> None:
+    """Errors as shares of the measured signal."""
+    problem = SimpleNamespace(
+        n=8,
+        signals=[SimpleNamespace(column="speed_rpm", edges=False)],
+        signal=np.zeros(8, int),
+        censored=np.zeros(8, bool),
+        measured=np.full(8, 100.0),
+        sigma=np.ones(8),
+    )
+    fits = [SimpleNamespace(out_of_fold=np.full(8, 100.0 * share)) for share in (nominal, left)]
+    assert is_blind(SimpleNamespace(nominal=fits[0]), problem, fits[1]) is blind
+    uncertain = SimpleNamespace(**vars(problem) | {"sigma": np.full(8, 31.0)})
+    exact = [SimpleNamespace(out_of_fold=np.zeros(8))] * 2
+    assert is_blind(SimpleNamespace(nominal=exact[0]), uncertain, exact[1])
+    edges = SimpleNamespace(**vars(uncertain))
+    edges.signals = [SimpleNamespace(column="speed_rpm", edges=True)]
+    assert not is_blind(SimpleNamespace(nominal=fits[0]), edges, fits[1])
+
+
+def test_a_speed_made_from_edges_has_no_torque_balance() -> None:
+    """Between edges no motion is measured along which a torque could be computed."""
+    log = drive_log(rig(), seconds=1.0, levels=[(0.1, 0.5)])
+    assert balance_problem(load_problem([log], rig())) is None
