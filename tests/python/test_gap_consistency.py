@@ -3,7 +3,7 @@ estimates against hand calculations, and effects of the catalogue against imitat
 """
 
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MethodType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from vgroove.gap.catalogue import BY_ID, CATALOGUE
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Coordinate
 from vgroove.gap.selection import search_state
+from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict import consistency, established
 from vgroove.gap.verdict.consistency import LIMITS, PartSizes
 from vgroove.gap.verdict.covariates import Covariates
@@ -322,13 +323,15 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
     without a member, by gains more; retuning leaves 10 above the noise in each.
     """
     left = {"retuned": np.full(3, 10.0 + 1.0 / 3.0), "best": best, "without": best + gains}
-    return SimpleNamespace(
+    state = SimpleNamespace(
         loss_by_signal=lambda one: left[one],
         floor_by_signal=np.full(3, 1.0 / 3.0),
         floor_power=1.0,
         retuned="retuned",
         sample_shares=np.full(3, 1.0 / 3.0),
     )
+    state.is_substantial = MethodType(Search.is_substantial, state)
+    return state
 
 
 def test_a_number_at_a_bound_of_the_search_is_not_established() -> None:

@@ -123,7 +123,7 @@ def test_an_excluded_effect_is_not_named() -> None:
         )
 
 
-@pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])
+@pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (np.inf, None)])
 def test_dead_time_is_stated_in_the_form_of_the_specification_where_that_suffices(
     visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

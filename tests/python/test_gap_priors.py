@@ -118,9 +118,9 @@ def test_of_a_limit_small_values_are_odd() -> None:
     """A saturation acts at small currents where its limit is small."""
     effect = BY_ID["magnetic_saturation"]
     plausible = effect.leading.plausible(SCALES)
-    assert effect.oddity(plausible, SCALES) == pytest.approx(1.0)
-    assert effect.oddity(0.1 * plausible, SCALES) == pytest.approx(10.0)
-    assert effect.oddity(10.0 * plausible, SCALES) == pytest.approx(0.1)
+    assert effect.implausibility(plausible, SCALES) == pytest.approx(1.0)
+    assert effect.implausibility(0.1 * plausible, SCALES) == pytest.approx(10.0)
+    assert effect.implausibility(10.0 * plausible, SCALES) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.id)
@@ -129,8 +129,8 @@ def test_the_typical_size_of_an_effect_is_plausible(effect: object) -> None:
         return
     size = effect.leading.size(SCALES)
     assert effect.leading.plausible(SCALES) > 0.0
-    assert effect.oddity(size, SCALES) < 5.0
-    assert effect.oddity(-size, SCALES) == effect.oddity(size, SCALES)
+    assert effect.implausibility(size, SCALES) < 5.0
+    assert effect.implausibility(-size, SCALES) == effect.implausibility(size, SCALES)
 
 
 @pytest.mark.parametrize(("sensors", "clock"), [({}, UNKNOWN), ({"clock_ppm": 100}, CRYSTAL)])

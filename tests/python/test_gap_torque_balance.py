@@ -3,7 +3,7 @@ is 0 for the true parameters, an effect without torque does not bring it to 0, a
 the forward simulation of a noisy, slow driving column predicts nothing.
 """
 
-from types import SimpleNamespace
+from types import MethodType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from vgroove.gap import DiagnosisOptions, diagnose, stages
 from vgroove.gap.catalogue import BY_ID, CATALOGUE
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.gap.residual.torque_balance import (
     BALANCE,
     GAINED,
@@ -23,7 +24,12 @@ from vgroove.gap.residual.torque_balance import (
 )
 from vgroove.gap.selection import search_state
 from vgroove.gap.selection.comparison import BALANCE as TORQUE_BALANCE
-from vgroove.gap.selection.comparison import FORWARD, comparison_of, is_blind, reference_fit
+from vgroove.gap.selection.comparison import (
+    FORWARD,
+    comparison_of,
+    forward_simulation_fails,
+    reference_fit,
+)
 from vgroove.gap.selection.log_content import effect_scales
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.simulate import compute_gap
@@ -258,9 +264,7 @@ def test_a_fast_log_stays_in_the_forward_simulation(kind: str) -> None:
     assert comparison_of(search) == FORWARD and search.simulated is search.problem
 
 
-def test_the_forward_simulation_is_blind_where_the_driving_column_makes_the_speed_uncertain() -> (
-    None
-):
+def test_the_forward_simulation_fails_where_the_driving_column_makes_the_speed_uncertain() -> None:
     """Of the slow log the noise of the current is a speed of the order of the signal; of a fast log
     with the same friction it is not.
     """
@@ -268,8 +272,8 @@ def test_the_forward_simulation_is_blind_where_the_driving_column_makes_the_spee
     extra = {"coulomb_friction": {"torque_nm": 0.004}}
     tool = tool_of("duty")
     fast = begin(simulated_log(tool_of("duty", **extra), gentle("duty"), row_s=1e-3), tool)
-    assert is_blind(slow, slow.problem, reference_fit(slow))
-    assert not is_blind(fast, fast.problem, reference_fit(fast))
+    assert forward_simulation_fails(slow, slow.problem, reference_fit(slow))
+    assert not forward_simulation_fails(fast, fast.problem, reference_fit(fast))
 
 
 def begin(log: MadeLog, tool: Rig) -> Search:
@@ -280,13 +284,13 @@ def begin(log: MadeLog, tool: Rig) -> Search:
 
 
 @pytest.mark.parametrize(
-    ("nominal", "left", "blind"), [(1.2, 0.6, True), (1.2, 0.4, False), (0.9, 0.6, False)]
+    ("nominal", "left", "fails"), [(1.2, 0.6, True), (1.2, 0.4, False), (0.9, 0.6, False)]
 )
-def test_a_model_worse_than_none_is_blind_unless_the_reference_effects_explain_it(
-    nominal: float, left: float, blind: bool
+def test_a_model_worse_than_none_fails_unless_the_reference_effects_explain_it(
+    nominal: float, left: float, fails: bool
 ) -> None:
     """Errors as shares of the measured signal."""
-    problem = SimpleNamespace(
+    problem = measured_signals(
         n=8,
         signals=[SimpleNamespace(column="speed_rpm", edges=False)],
         signal=np.zeros(8, int),
@@ -295,13 +299,21 @@ def test_a_model_worse_than_none_is_blind_unless_the_reference_effects_explain_i
         sigma=np.ones(8),
     )
     fits = [SimpleNamespace(out_of_fold=np.full(8, 100.0 * share)) for share in (nominal, left)]
-    assert is_blind(SimpleNamespace(nominal=fits[0]), problem, fits[1]) is blind
-    uncertain = SimpleNamespace(**vars(problem) | {"sigma": np.full(8, 31.0)})
+    assert forward_simulation_fails(SimpleNamespace(nominal=fits[0]), problem, fits[1]) is fails
+    uncertain = measured_signals(**vars(problem) | {"sigma": np.full(8, 31.0)})
     exact = [SimpleNamespace(out_of_fold=np.zeros(8))] * 2
-    assert is_blind(SimpleNamespace(nominal=exact[0]), uncertain, exact[1])
-    edges = SimpleNamespace(**vars(uncertain))
+    assert forward_simulation_fails(SimpleNamespace(nominal=exact[0]), uncertain, exact[1])
+    edges = measured_signals(**vars(uncertain))
     edges.signals = [SimpleNamespace(column="speed_rpm", edges=True)]
-    assert not is_blind(SimpleNamespace(nominal=fits[0]), edges, fits[1])
+    assert not forward_simulation_fails(SimpleNamespace(nominal=fits[0]), edges, fits[1])
+
+
+def measured_signals(**fields: object) -> SimpleNamespace:
+    """A problem of these fields with the errors by signal of a Problem."""
+    problem = SimpleNamespace(**fields)
+    for method in (Problem.squared_unclipped, Problem.gap_by_signal, Problem.rms_by_signal):
+        setattr(problem, method.__name__, MethodType(method, problem))
+    return problem
 
 
 def test_a_speed_made_from_edges_has_no_torque_balance() -> None:

@@ -15,7 +15,7 @@ from vgroove.gap.next_run import experiment_design
 from vgroove.gap.residual.loading import load_problem, read
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.result import Evidence, Verdict
-from vgroove.gap.selection.comparison import begin_in_sharper
+from vgroove.gap.selection.comparison import begin_in_better_comparison
 from vgroove.gap.selection.intervals import Estimate, best_estimate
 from vgroove.gap.selection.log_content import effect_scales, log_flags
 from vgroove.gap.selection.options import DiagnosisOptions
@@ -97,7 +97,7 @@ def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
     rig = problem.rig
     engine = Engine(problem, effect_scales(problem), rig.tolerance, frozenset(rig.effects))
     effects = available(log_flags(problem), frozenset(options.without))
-    return begin_in_sharper(engine, effects, options)
+    return begin_in_better_comparison(engine, effects, options)
 
 
 def locate_remainder(selection: Selection) -> Located:

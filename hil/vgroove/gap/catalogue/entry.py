@@ -234,7 +234,7 @@ class Effect:
         """Name in the plant's parameter vector."""
         return f"effects.{parameter.key_of or self.id}.{parameter.name}"
 
-    def oddity(self, value: float, scales: Scales) -> float:
+    def implausibility(self, value: float, scales: Scales) -> float:
         """Size of the effect's leading parameter in units of its plausible scale, inverted where
         the effect is off at infinity: values far above 1 are implausible; 0 without such a scale.
         """

@@ -4,8 +4,7 @@ precisely.
 
 Where the driving column is measured with noise, or sampled more slowly than the tool responds, the
 forward simulation is no prediction, because the errors of that column add up in the speed (an
-errors-in-variables model: W. A. Fuller, Measurement Error Models, 1987). Names call such a
-simulation blind, and the comparison with the narrower intervals the sharper one.
+errors-in-variables model: W. A. Fuller, Measurement Error Models, 1987).
 """
 
 from dataclasses import dataclass
@@ -35,7 +34,7 @@ class ComparisonRules:
     and on the tuning half of the blind set (docs/gap_bench.md).
     """
 
-    # The forward simulation of a signal is blind if sigma, which includes the propagated errors of
+    # The forward simulation of a signal fails if sigma, which includes the propagated errors of
     # the driving column, exceeds this share of the measured signal's RMS,
     max_input_share: float = 0.3
     # or if the RMS error of the nominal model exceeds the first of these shares of it (a model that
@@ -54,10 +53,12 @@ def comparison_of(search: Search) -> str:
     return FORWARD if search.gap_problem is None else BALANCE
 
 
-def begin_in_sharper(engine: Engine, effects: list[Effect], options: DiagnosisOptions) -> Search:
-    """A search in the comparison with the smaller sharpness(): the forward simulation, which is the
-    engine's problem, or the torque balance of the same logs. The balance is tried only where the
-    forward simulation is blind.
+def begin_in_better_comparison(
+    engine: Engine, effects: list[Effect], options: DiagnosisOptions
+) -> Search:
+    """A search in the comparison with the smaller mean_interval_width(): the forward simulation,
+    which is the engine's problem, or the torque balance of the same logs. The balance is tried only
+    where the forward simulation fails.
     """
     search = begin(engine, effects, options)
     problem = search.problem
@@ -66,7 +67,7 @@ def begin_in_sharper(engine: Engine, effects: list[Effect], options: DiagnosisOp
     if not any(has_measured_motion(signal) for signal in problem.signals):
         return search
     reference = reference_fit(search)
-    if reference is None or not is_blind(search, problem, reference):
+    if reference is None or not forward_simulation_fails(search, problem, reference):
         return search
     balance = balance_problem(problem)
     if balance is None:
@@ -78,8 +79,11 @@ def begin_in_sharper(engine: Engine, effects: list[Effect], options: DiagnosisOp
         options,
         gap_problem=problem,
     )
-    sharper = sharpness(other, reference_fit(other))
-    return other if sharpness(search, reference) > sharper else search
+    widths = (
+        mean_interval_width(search, reference),
+        mean_interval_width(other, reference_fit(other)),
+    )
+    return other if widths[1] < widths[0] else search
 
 
 def reference_fit(search: Search) -> Fit | None:
@@ -90,7 +94,7 @@ def reference_fit(search: Search) -> Fit | None:
     return search.engine.fit(search.engine.hypotheses(found), COMPARISON.max_rounds)[0]
 
 
-def is_blind(search: Search, problem: Problem, reference: Fit) -> bool:
+def forward_simulation_fails(search: Search, problem: Problem, reference: Fit) -> bool:
     """Whether the forward simulation of a speed or angle is no prediction (ComparisonRules). Speeds
     made from Hall edges are left out: they give no torque balance.
     """
@@ -118,7 +122,7 @@ def error_shares(problem: Problem, residual: np.ndarray) -> np.ndarray:
     return np.array([errors[c] / size if size > 0.0 else 0.0 for c, size in sizes.items()])
 
 
-def sharpness(search: Search, reference: Fit | None) -> float:
+def mean_interval_width(search: Search, reference: Fit | None) -> float:
     """Geometric mean of the half widths of the 95 % intervals of the reference effects' values, in
     their typical sizes: small values are precise. Infinite where the logs hold no information.
     """

@@ -200,7 +200,7 @@ def prior_density(search: Search, one: Fit) -> float:
     density = 1.0
     for effect in (BY_ID[i] for i in one.ids):
         value = float(theta[search.problem.index(effect.name(effect.leading))])
-        density *= (1.0 + effect.oddity(value, scales) ** 2 / 3.0) ** -2.0
+        density *= (1.0 + effect.implausibility(value, scales) ** 2 / 3.0) ** -2.0
     return max(density, np.finfo(float).tiny)
 
 

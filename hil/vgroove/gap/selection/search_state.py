@@ -68,6 +68,11 @@ class ComparisonLimits:
     block_correlation_times: float = 3.0  # length of a bootstrap block, in correlation times
     max_block_restarts: float = 2.0  # and its upper bound, in restart intervals
 
+    @property
+    def visible_excess(self) -> float:
+        """Squared gap of the smallest visible gap above the noise, in noise powers."""
+        return (1.0 + self.visible_gap) ** 2 - 1.0
+
 
 COMPARISON = ComparisonLimits()
 # parameters that scale edge speeds against time stamps; the last one is the flag of the command's
@@ -198,10 +203,10 @@ class Search:
     def is_substantial(self, part: np.ndarray) -> bool:
         """Whether a part (signals,) of the squared gap is the share of what retuning leaves above
         the sensors' noise that an established member gains (docs/spec/gap.md, section 5): over all
-        signals, or in one in which it exceeds the minimum effect size.
+        signals, or in one in which it is a visible gap by itself.
         """
         above = np.maximum(self.loss_by_signal(self.retuned) - self.floor_by_signal, 0.0)
-        visible = part > COMPARISON.min_gain * self.sample_shares
+        visible = part > COMPARISON.visible_excess * self.sample_shares
         share = COMPARISON.min_established_share
         return bool(
             np.sum(part) >= share * np.sum(above) or np.any((part >= share * above) & visible)
@@ -218,8 +223,8 @@ class Search:
 
     @cached_property
     def floor_power(self) -> float:
-        """Squared gap that a model without error leaves: the power of the sensors' noise, 1, or less
-        where rescale() has widened the standard deviation of a signal.
+        """Squared gap that a model without error leaves: the power of the sensors' noise, 1, or
+        less where rescale() has widened the standard deviation of a signal.
         """
         counts = self.blocks.tested & ~self.problem.censored
         return float(np.mean(self.engine.discrepancy[counts] ** -2.0)) if counts.any() else 1.0
@@ -338,13 +343,13 @@ class Search:
 
     def leaves_gap(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap."""
-        return self.score(one) >= (1.0 + COMPARISON.visible_gap) ** 2
+        return self.excess_power(one) >= COMPARISON.visible_excess
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap in most bootstrap samples, so that the gap does not
         come from a few blocks in which one event happened.
         """
-        noise = (1.0 + COMPARISON.visible_gap) ** 2 * self.floor_power * self.blocks.rows
+        noise = (1.0 + COMPARISON.visible_excess) * self.floor_power * self.blocks.rows
         above = self.block_losses(one) - noise
         return difference_interval(self.blocks, above, COMPARISON.likely)[0] > 0.0
 

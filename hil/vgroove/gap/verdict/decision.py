@@ -31,8 +31,6 @@ class DecisionLimits:
     # at work leave only their form error (see selection/limits.py): a form that deviates by about
     # a quarter of the effect leaves about (1/4)^2.
     min_closed_by_several: tuple[float, ...] = (0.0, 0.92, 0.95, 0.95)
-    # relative excess power of the smallest visible gap (docs/spec/gap.md, section 5)
-    visible_excess: float = (1.0 + COMPARISON.visible_gap) ** 2 - 1.0
     min_gap_power: float = 1e-9  # avoids a division by 0 where there is no gap
 
 
@@ -82,7 +80,7 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
 
 def leaves_visible_gap(search: Search, best: Fit) -> bool:
     """Whether a set leaves a visible gap above the sensors' noise."""
-    return relative_excess_power(search, best) > DECISION.visible_excess
+    return relative_excess_power(search, best) > COMPARISON.visible_excess
 
 
 def is_limited_by_noise(search: Search, best: Fit) -> bool:
@@ -130,7 +128,7 @@ def is_unlisted_gap(search: Search, retuned: Fit, remainder: Remainder) -> bool:
     """
     return (
         remainder.significant
-        and search.score(retuned) > search.floor_power * (1.0 + DECISION.visible_excess)
+        and search.score(retuned) > search.floor_power * (1.0 + COMPARISON.visible_excess)
         and (remainder.best_correlate is not None or search.leaves_gap_in_most_draws(retuned))
     )
 
