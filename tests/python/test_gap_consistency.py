@@ -246,31 +246,32 @@ def test_the_correction_of_the_subsystem_gains_where_another_of_its_effects_is_a
 
 # --- members ---
 
+RULES = ("significant", "keeps_size", "loses_little", "complete", "constant", "inside_bounds")
+
 
 def test_a_true_effect_is_established_and_an_imitation_is_not() -> None:
     for truth, holds in ((COULOMB, True), (ONE_SIDED, False)):
         toy = Toy(truth)
         state = begun_search(toy, "coulomb_friction", "current_gain")
         best = state.fits[("coulomb_friction",)]
-        found = established.membership(state, best, "coulomb_friction", covariates(toy))
+        found = established.Member(state, best, "coulomb_friction", covariates(toy))
         assert found.established is holds and found.gain > 1.0
         named = established.established_set(state, best, covariates(toy))
         assert named.ids == (("coulomb_friction",) if holds else ())
 
 
 def test_a_rival_needs_a_significant_gain_and_a_kept_size_only() -> None:
-    whole = established.Membership("a", 1.0, *[True] * 6)
     needed = {"significant", "keeps_size", "inside_bounds"}
-    assert whole.is_rival
-    for rule in ("loses_little", "complete", "constant", *needed):
-        assert replace(whole, **{rule: False}).is_rival is (rule not in needed)
+    assert member().is_rival
+    for rule in RULES:
+        assert member(without=rule).is_rival is (rule not in needed)
 
 
 def test_the_members_by_which_a_rival_differs_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = {"a": False, "b": True, "c": True, "d": False}
     monkeypatch.setattr(
         established,
-        "membership",
+        "Member",
         lambda search, fit, effect_id, _: SimpleNamespace(is_rival=counts[effect_id]),
     )
     best = SimpleNamespace(ids=("a", "c"))
@@ -280,10 +281,15 @@ def test_the_members_by_which_a_rival_differs_are_judged(monkeypatch: pytest.Mon
 
 
 def test_every_rule_is_needed() -> None:
-    whole = established.Membership("a", 1.0, *[True] * 6)
-    rules = [name for name in vars(whole) if name not in ("id", "gain")]
-    assert whole.established and len(rules) == 6
-    assert not any(replace(whole, **{rule: False}).established for rule in rules)
+    assert member().established
+    assert not any(member(without=rule).established for rule in RULES)
+
+
+def member(without: str = "") -> established.Member:
+    """A member that fulfils every rule but one."""
+    found = established.Member(SimpleNamespace(), SimpleNamespace(), "a", {})
+    vars(found).update({rule: rule != without for rule in RULES})
+    return found
 
 
 @pytest.mark.parametrize(

@@ -86,6 +86,15 @@ def extension_slopes(search: Search, base: Fit) -> list[tuple[Hypothesis, np.nda
     return [(one.hypothesis, one.columns) for one in added_effects(search, base)]
 
 
+def slopes_of_subsystem(search: Search, base: Fit, subsystem: str) -> list[np.ndarray]:
+    """Slopes (n, new) as extension_slopes() states them, of the effects of one subsystem."""
+    cached = search.cache.slopes
+    if cached is not None and cached[0] is base:
+        return [s for h, s in cached[1] if BY_ID[h.ids[-1]].subsystem == subsystem]
+    trials = [h for h in hypotheses_beside(search, base) if BY_ID[h.ids[-1]].subsystem == subsystem]
+    return [one.columns for one in differentiate_added(search, base, trials)]
+
+
 def hypotheses_beside(search: Search, base: Fit) -> list[Hypothesis]:
     """Hypotheses of base plus each further effect, from base and from the effect's own starts."""
     return [

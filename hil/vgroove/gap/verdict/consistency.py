@@ -15,7 +15,7 @@ from scipy.stats import t
 
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import Coordinate, Fit
-from vgroove.gap.selection.extension import extension_slopes
+from vgroove.gap.selection.extension import slopes_of_subsystem
 from vgroove.gap.selection.model_comparison import block_sums, clipped_squares
 from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict.covariates import Covariates
@@ -205,12 +205,7 @@ def subsystem_gain(search: Search, best: Fit, effect_id: str) -> float:
     """Further squared gap that the flexible correction of the effect's subsystem closes, held
     out.
     """
-    subsystem = BY_ID[effect_id].subsystem
-    columns = [
-        slopes
-        for h, slopes in extension_slopes(search, best)
-        if BY_ID[h.ids[-1]].subsystem == subsystem
-    ]
+    columns = slopes_of_subsystem(search, best, BY_ID[effect_id].subsystem)
     return further_gain(search, best, np.hstack(columns)) if columns else 0.0
 
 

@@ -5,6 +5,7 @@ its subsystem.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,58 +35,69 @@ ESTABLISHED = EstablishedLimits()
 
 
 @dataclass(frozen=True)
-class Membership:
-    """Findings on one member of a set: its gain in squared gap, and which rules it fulfils.
+class Member:
+    """A member of a fitted set, and the findings on it, each computed when it is first asked for.
 
-    significant: gains_enough(). keeps_size, loses_little: the functions of consistency.py.
-    complete: the flexible correction of its subsystem gains little in addition; constant: a size
-    that varies over a covariate gains little in addition. inside_bounds: no number of it ends at a
-    bound of the search.
+    id: of the effect; covariates: the measured quantities over which its size may vary.
     """
 
+    search: Search
+    best: Fit
     id: str
-    gain: float
-    significant: bool
-    keeps_size: bool
-    loses_little: bool
-    complete: bool
-    constant: bool
-    inside_bounds: bool
+    covariates: Covariates
+
+    @cached_property
+    def without(self) -> Fit:
+        """The set fitted without it."""
+        return fit_without(self.search, self.best, self.id)
+
+    @cached_property
+    def gain(self) -> float:
+        """Squared gap that it gains."""
+        return max(self.search.score(self.without) - self.search.score(self.best), 0.0)
+
+    @cached_property
+    def significant(self) -> bool:
+        """Whether its gain is significant and a substantial share (gains_enough())."""
+        return gains_enough(self.search, self.best, self.without, self.id)
+
+    @cached_property
+    def keeps_size(self) -> bool:
+        """Whether its size is the same wherever the logs show it."""
+        left = max(self.search.score(self.search.retuned) - self.search.floor_power, 1e-9)
+        return consistency.keeps_its_size(self.search, self.best, self.id, self.gain / left)
+
+    @cached_property
+    def loses_little(self) -> bool:
+        """Whether the parts of the logs that it makes worse are few."""
+        return consistency.loses_little(self.search, self.best, self.without)
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether the flexible correction of its subsystem gains little in addition."""
+        further = consistency.subsystem_gain(self.search, self.best, self.id)
+        return further <= LIMITS.max_subsystem_gain * self.gain
+
+    @cached_property
+    def constant(self) -> bool:
+        """Whether a size that varies over a covariate gains little in addition."""
+        further = consistency.varying_gain(self.search, self.best, self.id, self.covariates)
+        return further <= LIMITS.max_varying_gain * self.gain
+
+    @cached_property
+    def inside_bounds(self) -> bool:
+        """Whether no number of it ends at a bound of the search."""
+        return not consistency.is_at_bound(self.best, self.id)
 
     @property
     def is_rival(self) -> bool:
         """Whether it may be present instead of an established one."""
-        return self.significant and self.keeps_size and self.inside_bounds
+        return self.inside_bounds and self.significant and self.keeps_size
 
     @property
     def established(self) -> bool:
         """Whether it fulfils every rule."""
-        return (
-            self.significant
-            and self.keeps_size
-            and self.loses_little
-            and self.complete
-            and self.constant
-            and self.inside_bounds
-        )
-
-
-def membership(search: Search, best: Fit, effect_id: str, covariates: Covariates) -> Membership:
-    """The findings on one member of a set, which is refitted without it."""
-    without = fit_without(search, best, effect_id)
-    gain = max(search.score(without) - search.score(best), 0.0)
-    left = max(search.score(search.retuned) - search.floor_power, 1e-9)
-    return Membership(
-        effect_id,
-        gain,
-        gains_enough(search, best, without, effect_id),
-        consistency.keeps_its_size(search, best, effect_id, gain / left),
-        consistency.loses_little(search, best, without),
-        consistency.subsystem_gain(search, best, effect_id) <= LIMITS.max_subsystem_gain * gain,
-        consistency.varying_gain(search, best, effect_id, covariates)
-        <= LIMITS.max_varying_gain * gain,
-        not consistency.is_at_bound(best, effect_id),
-    )
+        return self.is_rival and self.loses_little and self.constant and self.complete
 
 
 def gains_enough(search: Search, best: Fit, without: Fit, effect_id: str) -> bool:
@@ -133,7 +145,7 @@ def with_special_cases(search: Search, best: Fit, covariates: Covariates) -> Fit
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
             if gains_share(search, best, one):
                 continue
-            if all(membership(search, one, i, covariates).established for i in one.ids):
+            if all(Member(search, one, i, covariates).established for i in one.ids):
                 return with_special_cases(search, one, covariates)
     return best
 
@@ -143,8 +155,8 @@ def without_doubtful(search: Search, best: Fit, covariates: Covariates) -> Fit:
     first.
     """
     while best.ids:
-        findings = [membership(search, best, i, covariates) for i in best.ids]
-        doubtful = [m for m in findings if not m.established]
+        members = [Member(search, best, i, covariates) for i in best.ids]
+        doubtful = [m for m in members if not m.established]
         if not doubtful:
             return best
         weakest = min(doubtful, key=lambda m: (m.gain, m.id))
@@ -157,7 +169,7 @@ def is_established_rival(search: Search, rival: Fit, best: Fit, covariates: Cova
     their sizes.
     """
     return all(
-        membership(search, rival, i, covariates).is_rival for i in rival.ids if i not in best.ids
+        Member(search, rival, i, covariates).is_rival for i in rival.ids if i not in best.ids
     )
 
 
@@ -166,7 +178,7 @@ def established_extension(search: Search, best: Fit, covariates: Covariates) -> 
     if best.ids:
         grow(search, best)
     for one in larger_sets(search, best)[: ESTABLISHED.tried]:
-        if all(membership(search, one, i, covariates).established for i in one.ids):
+        if all(Member(search, one, i, covariates).established for i in one.ids):
             return one
     return None
 
