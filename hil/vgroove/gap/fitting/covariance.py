@@ -8,7 +8,7 @@ Sources: White, Econometrica 48 (1980) 817 (sandwich); Liang and Zeger, Biometri
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t
+from scipy.stats import norm, t
 
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
@@ -48,6 +48,18 @@ def interval_half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray
     if len(steps) >= MIN_JACKKNIFE_FOLDS:
         found.append(_jackknife_half_widths(steps))
     return np.max(found, axis=0)
+
+
+def white_noise_half_widths(engine: Engine, one: Fit) -> np.ndarray:
+    """Half widths (p,) of 95 % intervals of the fitted numbers if the residuals were white noise of
+    unit power; infinite for a number that the rows do not determine.
+    """
+    rows = one.jacobian[engine.train]
+    normal = rows.T @ rows + np.diag(one.hypothesis.prior)
+    values, vectors = np.linalg.eigh(normal)
+    with np.errstate(divide="ignore"):
+        variance = (vectors**2 / np.maximum(values, 0.0)).sum(axis=1)
+    return norm.ppf(UPPER_QUANTILE) * np.sqrt(variance)
 
 
 def _clustered_half_widths(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.ndarray:

@@ -185,6 +185,11 @@ class BalanceProblem(Problem):
             found.append(simulation)
         return found
 
+    @property
+    def spans_several_rows(self) -> bool:
+        """Whether torques are averaged over more than one row."""
+        return all(float(np.median(np.diff(log.time_s))) < BALANCE.max_span_s for log in self.logs)
+
     def _inertia(self, theta: np.ndarray) -> np.ndarray:
         """Inertia (B,) at the motor shaft."""
         rotor, added = theta[:, self.index(MOTOR_INERTIA)], theta[:, self.index(ADDED_INERTIA)]

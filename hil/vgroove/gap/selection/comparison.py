@@ -7,22 +7,30 @@ forward simulation is no prediction, because the errors of that column add up in
 errors-in-variables model: W. A. Fuller, Measurement Error Models, 1987).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vgroove.gap.catalogue import Effect
+from vgroove.gap.cleaning.missing_values import has_values
+from vgroove.gap.fitting.covariance import white_noise_half_widths
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.problem import Problem, SignalInfo
-from vgroove.gap.residual.torque_balance import balance_problem
+from vgroove.gap.residual.torque_balance import BalanceProblem, balance_problem
 from vgroove.gap.selection.intervals import estimate_of
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search_state import COMPARISON, Search, begin
 
 FORWARD, BALANCE = "forward simulation", "torque balance"
-# effects that let a mass move against the motor: the torque balance holds all masses on its motion
-NOT_IN_BALANCE = frozenset({"coupler_compliance", "gear_backlash"})
+# Effects that let a mass move against the motor, since the torque balance holds all masses on its
+# motion; and a clock, which acts there as an inertia does, and besides shifts the driving column
+# (see SHIFTS).
+NOT_IN_BALANCE = frozenset({"coupler_compliance", "gear_backlash", "clock_skew"})
+# Effects that shift the driving column in time. Where a torque is compared row by row, a shift by a
+# part of a row averages the noise of two rows, which any noisy log rewards.
+SHIFTS = frozenset({"transport_delay"})
 # the effects by whose intervals the two comparisons are ranked: almost every machine shows them,
 # and both comparisons estimate them
 REFERENCE_EFFECTS = ("coulomb_friction", "viscous_friction")
@@ -75,7 +83,7 @@ def begin_in_better_comparison(
     options.progress("the torque balance along the measured motion")
     other = begin(
         Engine(balance, engine.scales, problem.rig.tolerance, engine.present),
-        [e for e in effects if e.id not in NOT_IN_BALANCE],
+        effects_in_balance(balance, effects),
         options,
         gap_problem=problem,
     )
@@ -84,6 +92,17 @@ def begin_in_better_comparison(
         mean_interval_width(other, reference_fit(other)),
     )
     return other if widths[1] < widths[0] else search
+
+
+def effects_in_balance(balance: BalanceProblem, effects: Sequence[Effect]) -> list[Effect]:
+    """The effects that a torque balance can show. What repeats with the shaft's angle needs a
+    measured angle: one summed from speeds drifts by more than a period.
+    """
+    left_out = NOT_IN_BALANCE
+    if not balance.spans_several_rows:
+        left_out |= SHIFTS
+    angle = all(has_values(log.columns, "position_rad") for log in balance.logs)
+    return [e for e in effects if e.id not in left_out and (angle or e.periodic is None)]
 
 
 def reference_fit(search: Search) -> Fit | None:
@@ -125,6 +144,9 @@ def error_shares(problem: Problem, residual: np.ndarray) -> np.ndarray:
 def mean_interval_width(search: Search, reference: Fit | None) -> float:
     """Geometric mean of the half widths of the 95 % intervals of the reference effects' values, in
     their typical sizes: small values are precise. Infinite where the logs hold no information.
+
+    The scatter of residuals far below their standard deviation is no evidence of a small error: the
+    intervals are at least those of that deviation.
     """
     if reference is None:
         return np.inf
@@ -132,5 +154,6 @@ def mean_interval_width(search: Search, reference: Fit | None) -> float:
     power = (reference.jacobian[search.engine.train, :count] ** 2).sum(axis=0)
     if np.any(power < MIN_INFORMATION):
         return np.inf
-    widths = estimate_of(search, reference).half_widths[:count]
+    scatter = estimate_of(search, reference).half_widths[:count]
+    widths = np.maximum(scatter, white_noise_half_widths(search.engine, reference)[:count])
     return float(np.exp(np.mean(np.log(np.maximum(widths, MIN_HALF_WIDTH)))))
