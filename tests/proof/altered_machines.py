@@ -192,22 +192,22 @@ def with_torque(rig: Rig, log: Log, torque: np.ndarray) -> Log:
     return replace(log, columns=columns)
 
 
-def scaled_column(column: str, low: float, high: float, *names: str) -> Change:
+def scaled_column(column: str, low: float, high: float, *names: str, signed: bool = True) -> Change:
     """The sensor of a column writes values that are too large by a share."""
 
     def change(case: Case, rng: np.random.Generator) -> Case:
-        share = drawn(rng, low, high, signed=True)
+        share = drawn(rng, low, high, signed)
         logs = [with_column(log, column, log[column] * (1.0 + share)) for log in case.logs]
         return replace(case, logs=logs).named(names, share)
 
     return change
 
 
-def offset_column(column: str, *names: str) -> Change:
+def offset_column(column: str, low: float, high: float, *names: str) -> Change:
     """The sensor of a column writes values that are too large by a constant."""
 
     def change(case: Case, rng: np.random.Generator) -> Case:
-        size = drawn(rng, *DRAG_SHARE, signed=True) * rms([log[column] for log in case.logs])
+        size = drawn(rng, low, high, signed=True) * rms([log[column] for log in case.logs])
         logs = [with_column(log, column, log[column] + size) for log in case.logs]
         return replace(case, logs=logs).named(names, size)
 
@@ -307,7 +307,7 @@ CHANGES: dict[str, dict[str, Change]] = {
         "added_inertia misstated": misstated_motor(
             "inertia_kg_m2", 0.25, 0.8, "added_inertia", signed=False
         ),
-        "current_offset added": offset_column("current_a", *FRICTION_BY_DIRECTION),
+        "current_offset added": offset_column("current_a", *DRAG_SHARE, *FRICTION_BY_DIRECTION),
         "transport_delay added": delayed_command(0.01, 0.04),
         "quadratic_drag added": added_torque(quadratic, "quadratic_drag"),
         "stribeck_friction added": added_torque(stribeck, "stribeck_friction"),
@@ -321,7 +321,7 @@ CHANGES: dict[str, dict[str, Change]] = {
         "torque_constant misstated": misstated_motor(
             "torque_constant_nm_per_a", 0.2, 0.5, "torque_constant", "current_gain"
         ),
-        "current_offset added": offset_column("current_a", *FRICTION_BY_DIRECTION),
+        "current_offset added": offset_column("current_a", *DRAG_SHARE, *FRICTION_BY_DIRECTION),
         "quadratic_drag added": added_torque(quadratic, "quadratic_drag"),
         "stribeck_friction added": added_torque(stribeck, "stribeck_friction"),
         "viscous_friction added": added_torque(viscous, "viscous_friction"),
@@ -334,12 +334,9 @@ CHANGES: dict[str, dict[str, Change]] = {
         "torque_constant misstated": misstated_motor(
             "torque_constant_nm_per_a", 0.15, 0.4, "torque_constant", "speed_gain"
         ),
-        "winding_resistance misstated": misstated_motor(
-            "resistance_ohm", 0.25, 0.6, "winding_resistance", "bridge_resistance"
-        ),
         "speed_gain added": scaled_column("speed_rpm", 0.1, 0.3, "speed_gain", "torque_constant"),
-        "current_gain added": scaled_column("current_a", 0.25, 0.6, "current_gain"),
-        "current_offset added": offset_column("current_a", "current_offset"),
+        "current_gain added": scaled_column("current_a", 0.5, 1.0, "current_gain", signed=False),
+        "current_offset added": offset_column("current_a", 0.7, 1.4, "current_offset"),
         "speed_lag added": filtered_speed(0.1, 0.3),
         "viscous_friction added": added_torque(viscous, "viscous_friction"),
         "quadratic_drag added": added_torque(quadratic, "quadratic_drag"),

@@ -89,6 +89,8 @@ def test_the_scatter_between_parts_is_that_of_dersimonian_and_laird(
         ([-1.0, -1.1], [0.1, 0.1], False),
         ([1.0] * 7 + [-0.15], [0.05] * 8, False),  # 3 sigma below 0 in one part
         ([1.0] * 7 + [-0.15], [0.05] * 7 + [0.1], True),  # 1.5 sigma
+        ([1.0] * 7 + [-1.0], [0.05] * 7 + [0.3], True),  # of 0.4 % of the information
+        ([1.0] * 7 + [-1.0], [0.05] * 7 + [0.08], False),  # of 5.3 %
         ([1.0, 1.02, 0.97, 1.01], [0.02] * 4, True),
     ],
 )

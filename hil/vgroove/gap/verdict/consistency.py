@@ -36,6 +36,9 @@ class ConsistencyLimits:
     max_part_sigma: float = 1.0
     min_parts_significant: int = 3  # parts that a test of their mean size needs
     sign_sigmas: float = 2.0  # a part contradicts the sign from so many standard deviations on
+    # largest part of the information on the size (sum of inverse variances) in the parts that
+    # contradict the sign
+    max_contradicting: float = 0.05
     time_parts: int = 4  # largest number of contiguous parts of all logs together
     knots: int = 5  # of the piecewise linear functions over a covariate
     ridge: float = 1e-4  # penalty of a regression, as a share of each column's sum of squares
@@ -75,11 +78,12 @@ class PartSizes:
         return mean > quantile * error
 
     def is_constant(self) -> bool:
-        """Whether no part contradicts the sign, and the scatter is at most max_scatter times the
-        mean.
+        """Whether hardly any part contradicts the sign, and the scatter is at most max_scatter
+        times the mean.
         """
         mean, between = self.scatter()
-        if mean <= 0.0 or np.any(self.value + LIMITS.sign_sigmas * self.sigma < 0.0):
+        weight, contradicts = self.sigma**-2.0, self.value + LIMITS.sign_sigmas * self.sigma < 0.0
+        if mean <= 0.0 or weight[contradicts].sum() > LIMITS.max_contradicting * weight.sum():
             return False
         return between <= LIMITS.max_scatter * mean
 
