@@ -308,7 +308,7 @@ def test_a_member_must_gain_a_tenth_pooled_or_in_one_signal(
     gains: list[float], enough: bool
 ) -> None:
     best = np.array([2.0, 2.0, 2.0])
-    assert established.gains_share(gains_state(best, np.array(gains)), "best", "without") is enough
+    assert gains_state(best, np.array(gains)).gains_share("best", "without") is enough
 
 
 @pytest.mark.parametrize(
@@ -323,7 +323,7 @@ def test_a_member_that_closes_half_of_what_the_others_leave_gains_enough(
     """
     best = np.full(3, 1.0 / 3.0 + 0.1)
     state = gains_state(best, np.full(3, gain))
-    assert established.gains_share(state, "best", "without") is enough
+    assert state.gains_share("best", "without") is enough
 
 
 def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
@@ -338,7 +338,8 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
         retuned="retuned",
         sample_shares=np.full(3, 1.0 / 3.0),
     )
-    state.is_substantial = MethodType(Search.is_substantial, state)
+    for method in (Search.is_substantial, Search.gains_share):
+        setattr(state, method.__name__, MethodType(method, state))
     return state
 
 

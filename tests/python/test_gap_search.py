@@ -197,6 +197,7 @@ class Stepped:
     def closes_visible_gap(self, one: SimpleNamespace) -> bool:
         return True
 
+    engine = SimpleNamespace(discrepancy=np.ones(1))
     leaves_gap = search_state.Search.leaves_gap
     excess_power = search_state.Search.excess_power
 

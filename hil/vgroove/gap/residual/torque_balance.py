@@ -186,9 +186,14 @@ class BalanceProblem(Problem):
         return found
 
     @property
-    def spans_several_rows(self) -> bool:
-        """Whether torques are averaged over more than one row."""
-        return all(float(np.median(np.diff(log.time_s))) < BALANCE.max_span_s for log in self.logs)
+    def rows_per_span(self) -> int:
+        """Rows over which torques are averaged, the least of all logs."""
+        return min(
+            int(channel.row[0] - channel.begin[0])
+            for run in self.runs
+            for channel in run.channels
+            if isinstance(channel, TorqueChannel)
+        )
 
     def _inertia(self, theta: np.ndarray) -> np.ndarray:
         """Inertia (B,) at the motor shaft."""

@@ -28,8 +28,8 @@ FORWARD, BALANCE = "forward simulation", "torque balance"
 # motion; and a clock, which acts there as an inertia does, and besides shifts the driving column
 # (see SHIFTS).
 NOT_IN_BALANCE = frozenset({"coupler_compliance", "gear_backlash", "clock_skew"})
-# Effects that shift the driving column in time. Where a torque is compared row by row, a shift by a
-# part of a row averages the noise of two rows, which any noisy log rewards.
+# Effects that shift the driving column in time. Where torques are means of few rows, a shift by a
+# part of a row averages the noise of further rows, which any noisy log rewards.
 SHIFTS = frozenset({"transport_delay"})
 # the effects by whose intervals the two comparisons are ranked: almost every machine shows them,
 # and both comparisons estimate them
@@ -49,6 +49,7 @@ class ComparisonRules:
     # predicts 0 would be better) and that of the reference effects the second.
     max_nominal_share: float = 1.0
     max_reference_share: float = 0.5
+    min_rows_of_shift: int = 10  # fewest rows of a mean torque that shows a shift in time
 
 
 RULES = ComparisonRules()
@@ -99,7 +100,7 @@ def effects_in_balance(balance: BalanceProblem, effects: Sequence[Effect]) -> li
     measured angle: one summed from speeds drifts by more than a period.
     """
     left_out = NOT_IN_BALANCE
-    if not balance.spans_several_rows:
+    if balance.rows_per_span < RULES.min_rows_of_shift:
         left_out |= SHIFTS
     angle = all(has_values(log.columns, "position_rad") for log in balance.logs)
     return [e for e in effects if e.id not in left_out and (angle or e.periodic is None)]

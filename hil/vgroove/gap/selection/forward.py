@@ -2,6 +2,8 @@
 and gains more than the minimum effect size.
 """
 
+import numpy as np
+
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.basins import deepest_minimum
 from vgroove.gap.selection.candidate_sets import distinct_hypotheses, gains, prefer_special_cases
@@ -23,7 +25,7 @@ def forward(search: Search) -> tuple[Search, Fit]:
         larger = grow(search, best)
         if larger is not None and not search.is_better(larger, best):
             larger = add_two(search, best, larger)
-        if larger is None:
+        if larger is None or not may_be_established(search, larger, best):
             break
         best = larger
         search = rescale(search)
@@ -63,6 +65,14 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
     search.fit_and_keep(distinct_hypotheses(candidates))
     both = prefer_special_cases(search, search.ranked(len(larger.ids) + 1)[0], base)
     return both if search.is_better(both, base, 2.0 * COMPARISON.min_gain) else None
+
+
+def may_be_established(search: Search, larger: Fit, base: Fit) -> bool:
+    """Whether the further member of a larger set gains what an established one does. Near the noise
+    a smaller gain suffices: a set without remainder is named as it was selected.
+    """
+    near_noise = bool(np.all(search.engine.discrepancy == 1.0))
+    return near_noise or search.gains_share(larger, base)
 
 
 def leaves_enough(search: Search, base: Fit) -> bool:

@@ -59,6 +59,7 @@ class ComparisonLimits:
     # squared gap that an established member gains, as a share of what retuning leaves above the
     # sensors' noise (docs/spec/gap.md, section 5)
     min_established_share: float = 0.1
+    min_gain_of_left: float = 0.5  # or as a share of what the set without it leaves above the noise
     bound_margin: float = 1.02  # a parameter below this multiple of its lower bound is at the bound
     near_best: float = 1.5  # squared gaps up to this multiple of the best are fitted to convergence
     max_rounds: int = 12  # Gauss-Newton rounds until convergence; most fits need four
@@ -211,6 +212,16 @@ class Search:
         return bool(
             np.sum(part) >= share * np.sum(above) or np.any((part >= share * above) & visible)
         )
+
+    def gains_share(self, fuller: Fit, leaner: Fit) -> bool:
+        """Whether a fit gains over another one what an established member gains: a substantial
+        share of what retuning leaves, or the larger part of what the other fit leaves (on a machine
+        with one dominant effect the second one is a small share of the whole gap).
+        """
+        with_it, more = (self.loss_by_signal(f) for f in (fuller, leaner))
+        left = max(float(np.sum(more)) - self.floor_power, 0.0)
+        larger_part = np.sum(more - with_it) >= COMPARISON.min_gain_of_left * left
+        return bool(larger_part) or self.is_substantial(more - with_it)
 
     @cached_property
     def floor_by_signal(self) -> np.ndarray:

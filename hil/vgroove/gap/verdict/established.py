@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from vgroove.gap.catalogue import SPECIAL_CASES
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set, fit_without
@@ -25,9 +23,6 @@ from vgroove.gap.verdict.covariates import Covariates
 class EstablishedLimits:
     """Thresholds of an established member (docs/spec/gap.md, section 5)."""
 
-    # squared gap that it gains, as a share of what the set without it leaves above the sensors'
-    # noise; gains_share() states the other share that suffices
-    min_gain_of_left: float = 0.5
     tried: int = 5  # larger sets that are tried, best first, to extend an established set
 
 
@@ -109,18 +104,7 @@ def gains_enough(search: Search, best: Fit, without: Fit, effect_id: str) -> boo
     clear = difference_interval(search.blocks, gain, COMPARISON.significance)[0] > 0.0
     if not (clear or consistency.is_significant_size(search, best, effect_id)):
         return False
-    return gains_share(search, best, without)
-
-
-def gains_share(search: Search, fuller: Fit, leaner: Fit) -> bool:
-    """Whether a fit gains over another one a substantial share of what retuning leaves, over all
-    signals or in one alone, or the larger part of what the other one leaves: on a machine with one
-    dominant effect the second one is a small share of the whole gap.
-    """
-    with_it, more = (search.loss_by_signal(f) for f in (fuller, leaner))
-    left = max(float(np.sum(more)) - search.floor_power, 0.0)
-    larger_part = np.sum(more - with_it) >= ESTABLISHED.min_gain_of_left * left
-    return bool(larger_part) or search.is_substantial(more - with_it)
+    return search.gains_share(best, without)
 
 
 def established_set(search: Search, best: Fit, covariates: Covariates) -> Fit:
@@ -143,7 +127,7 @@ def with_special_cases(search: Search, best: Fit, covariates: Covariates) -> Fit
     for member in best.ids:
         for special in set(SPECIAL_CASES.get(member, ())) - set(best.ids) - search.without:
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
-            if gains_share(search, best, one):
+            if search.gains_share(best, one):
                 continue
             if all(Member(search, one, i, covariates).established for i in one.ids):
                 return with_special_cases(search, one, covariates)
