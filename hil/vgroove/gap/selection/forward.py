@@ -68,11 +68,11 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
 
 
 def may_be_established(search: Search, larger: Fit, base: Fit) -> bool:
-    """Whether the further member of a larger set gains what an established one does. Near the noise
-    a smaller gain suffices: a set without remainder is named as it was selected.
+    """Whether the further member of a larger set gains about what an established one does. Near the
+    noise a smaller gain suffices: a set without remainder is named as it was selected.
     """
     near_noise = bool(np.all(search.engine.discrepancy == 1.0))
-    return near_noise or search.gains_share(larger, base)
+    return near_noise or search.gains_share(larger, base, COMPARISON.growth_factor)
 
 
 def leaves_enough(search: Search, base: Fit) -> bool:
