@@ -25,7 +25,7 @@ def forward(search: Search) -> tuple[Search, Fit]:
         larger = grow(search, best)
         if larger is not None and not search.is_better(larger, best):
             larger = add_two(search, best, larger)
-        if larger is None or not may_be_established(search, larger, best):
+        if larger is None or not gains_enough_to_grow(search, larger, best):
             break
         best = larger
         search = rescale(search)
@@ -67,12 +67,14 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
     return both if search.is_better(both, base, 2.0 * COMPARISON.min_gain) else None
 
 
-def may_be_established(search: Search, larger: Fit, base: Fit) -> bool:
-    """Whether the further member of a larger set gains about what an established one does. Near the
-    noise a smaller gain suffices: a set without remainder is named as it was selected.
+def gains_enough_to_grow(search: Search, larger: Fit, base: Fit) -> bool:
+    """Whether the further member of a larger set gains enough of what the base leaves. Near the
+    noise any significant gain suffices: a set without remainder is named as it was selected.
     """
     near_noise = bool(np.all(search.engine.discrepancy == 1.0))
-    return near_noise or search.gains_share(larger, base, COMPARISON.growth_factor)
+    gain = search.score(base) - search.score(larger)
+    left = search.score(base) - search.floor_power
+    return near_noise or gain >= COMPARISON.min_growth_of_left * left
 
 
 def leaves_enough(search: Search, base: Fit) -> bool:

@@ -59,9 +59,8 @@ class ComparisonLimits:
     # squared gap that an established member gains, as a share of what retuning leaves above the
     # sensors' noise (docs/spec/gap.md, section 5)
     min_established_share: float = 0.1
-    # both shares in the search, as a factor: a fit of a further member, before its rivals are tried
-    # and the noise is estimated again, gains less than in the end
-    growth_factor: float = 0.5
+    # the same while a set grows far from the noise: members that are found together gain more
+    min_growth_of_left: float = 0.1
     min_gain_of_left: float = 0.5  # or as a share of what the set without it leaves above the noise
     bound_margin: float = 1.02  # a parameter below this multiple of its lower bound is at the bound
     near_best: float = 1.5  # squared gaps up to this multiple of the best are fitted to convergence
@@ -204,28 +203,27 @@ class Search:
         number = np.bincount(self.problem.signal[counts], minlength=len(self.problem.signals))
         return number / max(self.blocks.total, 1.0)
 
-    def is_substantial(self, part: np.ndarray, factor: float = 1.0) -> bool:
+    def is_substantial(self, part: np.ndarray) -> bool:
         """Whether a part (signals,) of the squared gap is the share of what retuning leaves above
         the sensors' noise that an established member gains (docs/spec/gap.md, section 5): over all
-        signals, or in one in which it is a visible gap by itself. factor: on that share.
+        signals, or in one in which it is a visible gap by itself.
         """
         above = np.maximum(self.loss_by_signal(self.retuned) - self.floor_by_signal, 0.0)
         visible = part > COMPARISON.visible_excess * self.sample_shares
-        share = factor * COMPARISON.min_established_share
+        share = COMPARISON.min_established_share
         return bool(
             np.sum(part) >= share * np.sum(above) or np.any((part >= share * above) & visible)
         )
 
-    def gains_share(self, fuller: Fit, leaner: Fit, factor: float = 1.0) -> bool:
+    def gains_share(self, fuller: Fit, leaner: Fit) -> bool:
         """Whether a fit gains over another one what an established member gains: a substantial
         share of what retuning leaves, or the larger part of what the other fit leaves (on a machine
-        with one dominant effect the second one is a small share of the whole gap). factor: on both
-        shares.
+        with one dominant effect the second one is a small share of the whole gap).
         """
         with_it, more = (self.loss_by_signal(f) for f in (fuller, leaner))
         left = max(float(np.sum(more)) - self.floor_power, 0.0)
-        larger_part = np.sum(more - with_it) >= factor * COMPARISON.min_gain_of_left * left
-        return bool(larger_part) or self.is_substantial(more - with_it, factor)
+        larger_part = np.sum(more - with_it) >= COMPARISON.min_gain_of_left * left
+        return bool(larger_part) or self.is_substantial(more - with_it)
 
     @cached_property
     def floor_by_signal(self) -> np.ndarray:
