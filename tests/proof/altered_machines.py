@@ -443,12 +443,21 @@ def scored(case: Case, verdict: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def kept_rows(path: Path, half: str, machine: str | None) -> list[dict[str, Any]]:
+    """Rows of the other machines that the file has of the same half, where one machine is run."""
+    if machine is None or not path.exists():
+        return []
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    return [row for row in kept["cases"] if kept["half"] == half and row["machine"] != machine]
+
+
+def summary(half: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Rates over the cases in which something is known to act."""
     changed = [row for row in rows if row["truth"]]
     return {
         "commit": commit(),
-        "command": "python tests/proof/altered_machines.py",
+        "command": f"python tests/proof/altered_machines.py --half {half}",
+        "half": half,
         "of": len(changed),
         "first": sum(row["first"] for row in changed),
         "complete": sum(row["complete"] for row in changed),
@@ -466,6 +475,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, default=RESULTS / "altered_machines.json")
     args = parser.parse_args()
     rows: list[dict[str, Any]] = []
+    others = kept_rows(args.json, args.half, args.machine)
     for machine, change in cases(args.half, args.machine):
         if args.case and args.case not in change:
             continue
@@ -475,10 +485,12 @@ def main() -> None:
         seconds = round(time.perf_counter() - start, 1)
         rows.append({"machine": machine, "change": change, **row, "seconds": seconds})
         args.json.parent.mkdir(parents=True, exist_ok=True)
-        args.json.write_text(json.dumps(summary(rows), indent=1) + "\n", encoding="utf-8")
+        args.json.write_text(
+            json.dumps(summary(args.half, others + rows), indent=1) + "\n", encoding="utf-8"
+        )
         sys.stdout.write(one_line(rows[-1]) + "\n")
         sys.stdout.flush()
-    totals = summary(rows)
+    totals = summary(args.half, rows)
     sys.stdout.write(
         f"{totals['of']} cases: first name right {totals['first']}, exactly right "
         f"{totals['complete']}, sure and wrong {totals['sure_and_wrong']}\n"

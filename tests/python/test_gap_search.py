@@ -268,6 +268,23 @@ def test_a_set_of_the_torque_balance_is_extended_while_a_member_can_be_establish
 
 
 @pytest.mark.parametrize(
+    ("larger", "discrepancy", "grows"),
+    [(9.5, 1.0, True), (9.5, 3.0, False), (9.1, 3.0, False), (8.9, 3.0, True)],
+)
+def test_far_from_the_noise_a_member_must_close_a_tenth_of_what_is_left(
+    larger: float, discrepancy: float, grows: bool
+) -> None:
+    """Ten are left, of which 0.5 are noise."""
+    scores = {"base": 10.0, "larger": larger}
+    state = SimpleNamespace(
+        score=lambda one: scores[one],
+        floor_power=0.5,
+        engine=SimpleNamespace(discrepancy=np.array([1.0, discrepancy])),
+    )
+    assert forward.gains_enough_to_grow(state, "larger", "base") is grows
+
+
+@pytest.mark.parametrize(
     ("special", "base", "named"),
     [
         (4.40, 4.45, "asymmetric_friction"),

@@ -3,6 +3,7 @@ is 0 for the true parameters, an effect without torque does not bring it to 0, a
 the forward simulation of a noisy, slow driving column predicts nothing.
 """
 
+from dataclasses import replace
 from types import MethodType, SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from made_log import MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.gap import DiagnosisOptions, diagnose, stages
 from vgroove.gap.catalogue import BY_ID, CATALOGUE
+from vgroove.gap.fitting.covariance import white_noise_half_widths
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
@@ -27,7 +29,9 @@ from vgroove.gap.selection.comparison import BALANCE as TORQUE_BALANCE
 from vgroove.gap.selection.comparison import (
     FORWARD,
     comparison_of,
+    effects_in_balance,
     forward_simulation_fails,
+    mean_interval_width,
     reference_fit,
 )
 from vgroove.gap.selection.log_content import effect_scales
@@ -306,6 +310,40 @@ def test_a_model_worse_than_none_fails_unless_the_reference_effects_explain_it(
     edges = measured_signals(**vars(uncertain))
     edges.signals = [SimpleNamespace(column="speed_rpm", edges=True)]
     assert not forward_simulation_fails(SimpleNamespace(nominal=fits[0]), edges, fits[1])
+
+
+def test_an_interval_is_at_least_that_of_the_stated_noise() -> None:
+    """Residuals far below their standard deviation do not make a comparison precise."""
+    log = drive_log(rig(), seconds=2.0, levels=[(0.1, 0.5), (1.0, -0.5)])
+    search = begin(log, rig())
+    fit = reference_fit(search)
+    white = white_noise_half_widths(search.engine, fit)[:2]
+    rows = fit.jacobian[search.engine.train]
+    covariance = np.linalg.inv(rows.T @ rows + np.diag(fit.hypothesis.prior))
+    assert white == pytest.approx(1.96 * np.sqrt(np.diag(covariance))[:2], rel=1e-3)
+    silent = replace(fit, residual=np.zeros_like(fit.residual))
+    least = float(np.exp(np.mean(np.log(white))))
+    assert mean_interval_width(search, silent) >= 0.999 * least
+
+
+@pytest.mark.parametrize(
+    ("rows", "angle", "left_out"),
+    [
+        (1, True, {"clock_skew", "transport_delay"}),
+        (9, True, {"clock_skew", "transport_delay"}),
+        (10, True, {"clock_skew"}),
+        (10, False, {"clock_skew", "cogging_torque"}),
+    ],
+)
+def test_the_balance_leaves_out_what_it_cannot_show(
+    rows: int, angle: bool, left_out: set[str]
+) -> None:
+    """A clock; a shift in time unless torques are means of ten rows; ripple without an angle."""
+    columns = {"position_rad": np.zeros(3)} if angle else {"speed_rpm": np.zeros(3)}
+    problem = SimpleNamespace(rows_per_span=rows, logs=[SimpleNamespace(columns=columns)])
+    ids = ["coulomb_friction", "clock_skew", "transport_delay", "cogging_torque"]
+    found = effects_in_balance(problem, [BY_ID[i] for i in ids])
+    assert set(ids) - {e.id for e in found} == left_out
 
 
 def measured_signals(**fields: object) -> SimpleNamespace:
