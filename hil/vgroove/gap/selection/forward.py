@@ -71,10 +71,10 @@ def gains_enough_to_grow(search: Search, larger: Fit, base: Fit) -> bool:
     """Whether the further member of a larger set gains enough of what the base leaves. Near the
     noise any significant gain suffices: a set without remainder is named as it was selected.
     """
-    near_noise = bool(np.all(search.engine.discrepancy == 1.0))
+    if np.all(search.engine.discrepancy == 1.0):
+        return True
     gain = search.score(base) - search.score(larger)
-    left = search.score(base) - search.floor_power
-    return near_noise or gain >= COMPARISON.min_growth_of_left * left
+    return gain >= COMPARISON.min_growth_of_left * (search.score(base) - search.floor_power)
 
 
 def leaves_enough(search: Search, base: Fit) -> bool:
