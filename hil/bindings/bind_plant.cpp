@@ -262,7 +262,8 @@ void bind_plant(nb::module_ &m) {
     m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
           "threads"_a = 2, "solver"_a = "exact", "tolerance"_a = 0.0, "unfinished"_a = "raise",
           "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, "
-          "speed_rad_s, angle_rad -> dict of (B, n).\n"
+          "speed_rad_s, angle_rad -> dict of (B, n). A current of nan: the steady-state current of "
+          "the interval that follows the start.\n"
           "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or "
           "adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
           "unfinished: for a run whose step budget is used up before its end: raise "

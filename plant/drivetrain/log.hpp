@@ -25,8 +25,9 @@ extern const char *const ENERGY_NAMES[ENERGY_COLUMNS];
 
 struct LogStarts {
     std::vector<std::size_t> rows;  // increasing
-    const double *state =
-        nullptr;  // current, speed, angle for each start, for each batch row when per_row
+    // current, speed, angle for each start, for each batch row when per_row; a current of NaN is
+    // the steady-state current of the interval that follows
+    const double *state = nullptr;
     bool per_row = false;
 };
 

@@ -123,14 +123,20 @@ VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const LogInput &in, std::size_t
     return true;
 }
 
+// Measured supply voltage of a row, without the gain error of its sensor
+template <class V, int N>
+VGROOVE_INLINE void drive_bus(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
+    if (!in.bus_v.empty())
+        set(g.solver.drive.bus_v, lane,
+            in.bus_v[row] / (1.0 + g.parameters[lane].effects.supply_gain.relative));
+}
+
 template <class V, int N>
 VGROOVE_INLINE void begin_row(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
     Cursor &c = g.cursor[lane];
     Solver<V, N> &s = g.solver;
     c.row_remaining_s = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
-    if (!in.bus_v.empty())
-        set(s.drive.bus_v, lane,
-            in.bus_v[row] / (1.0 + g.parameters[lane].effects.supply_gain.relative));
+    drive_bus(g, in, row, lane);
     if (in.load_kind == LoadKind::TORQUE) {
         set(s.drive.load_nm, lane, in.load_nm[row - 1]);
         set(s.drive.load_rate, lane, (in.load_nm[row] - in.load_nm[row - 1]) / c.row_remaining_s);
@@ -215,6 +221,33 @@ VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t ro
     }
 }
 
+// Lanes whose start has no current begin at the steady-state current of the interval that follows.
+template <class V, int N>
+VGROOVE_INLINE void settle_currents(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
+                                    std::size_t which) {
+    Solver<V, N> &s = g.solver;
+    bool wanted[LaneTraits<V>::COUNT], any = false;
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        const std::size_t batch = starts.per_row ? g.batch_row[lane] * starts.rows.size() : 0;
+        wanted[lane] = std::isnan(starts.state[3 * (batch + which)]);
+        any = any || wanted[lane];
+    }
+    if (!any)
+        return;
+    const Drive<V> at_row = s.drive;
+    const std::size_t next = std::min(starts.rows[which] + 1, in.time_s.size() - 1);
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        drive_command(s.drive, in, lane, next, 0.0, 0.0);
+        set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.bridge.dead_share, lane));
+        drive_bus(g, in, next, lane);
+    }
+    if (s.model.input == InputKind::CURRENT)
+        follow_command(s, wanted);
+    else
+        settle_current(s, wanted);
+    s.drive = at_row;
+}
+
 template <class V, int N>
 VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
                                 std::size_t which) {
@@ -225,10 +258,9 @@ VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogSta
         if (!(g.solver.model.effects & EFFECT_COMMAND_SHIFT))
             drive_command(g.solver.drive, in, lane, row, 0.0, 0.0);
         set(g.solver.drive.command, lane, in.command_end[row]);
-        if (!in.bus_v.empty())
-            set(g.solver.drive.bus_v, lane,
-                in.bus_v[row] / (1.0 + g.parameters[lane].effects.supply_gain.relative));
+        drive_bus(g, in, row, lane);
     }
+    settle_currents(g, in, starts, which);
 }
 
 // x after `seconds` of x' = gain - rate x with constant gain and rate

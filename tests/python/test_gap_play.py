@@ -56,5 +56,5 @@ def test_a_play_is_identified_whatever_the_restitution_of_its_flanks(
     assert verdict["effects"][0]["parameters"]["play_rad"]["value"] == pytest.approx(0.15, rel=0.03)
     assert set(found.corrected_rig().effects) == {"gear_backlash", "coupler_compliance"}
     assert compute_gap(found.corrected_rig(), [made])[0]["gap"] == pytest.approx(
-        verdict["gap"]["after"], rel=0.01
+        verdict["gap"]["refit"], rel=0.01
     )

@@ -206,14 +206,13 @@ def _held_simulation(
     problem: Problem, run: HeldRun, theta: np.ndarray, errors: SensorErrors
 ) -> Simulation:
     """Simulation of one log for parameter sets (B, P) with a held shaft, row by row."""
-    states = _held_states(problem.rig, run, errors)
+    states = _held_states(run, errors)
     inertia = theta[:, problem.index(MOTOR_INERTIA)][:, None]
     out, gained = _row_by_row(run.held_drive, theta, states)
     out[NET_TORQUE] = np.where(run.held.known, gained * inertia, 0.0)
     if run.nominal_gained is not None and not changes_gain(problem, theta):
         out[GAINED] = run.nominal_gained[None, :]
     else:
-        states[:, :, 0] += _steady_current(problem.rig, _shift(run)[1:])
         _, shifted = _row_by_row(run.shifted_drive, theta, states)
         out[GAINED] = np.where(run.held.known, (shifted - gained) * inertia, 0.0)
     out["time_s"] = np.asarray(run.log.time_s, float)[None, :]
@@ -257,28 +256,17 @@ def _with_short_rows(columns: DrivingColumns) -> DrivingColumns:
     return DrivingColumns(time_s, columns.kind, doubled(columns.command), more)
 
 
-def _held_states(rig: Rig, run: HeldRun, errors: SensorErrors) -> np.ndarray:
-    """States (B, rows - 1, 3) at the start of each row's interval: current, speed, angle."""
+def _held_states(run: HeldRun, errors: SensorErrors) -> np.ndarray:
+    """States (B, rows - 1, 3) at the start of each row's interval: the plant's own steady-state
+    current (nan), speed, angle.
+    """
     motion = run.held
     speed = motion.mean_speed[1:] / errors.gain[:, 1:]
     slope = np.gradient(motion.speed, np.asarray(run.log.time_s, float))[1:]
     speed = speed + errors.lag_s[:, 1:] * slope
-    back_emf = rig.motor["torque_constant_nm_per_a"] * motion.mean_speed[1:]
     states = np.empty((*speed.shape, 3))
-    states[:, :, 0] = _steady_current(rig, run.driving.command[1:], back_emf)
-    states[:, :, 1], states[:, :, 2] = speed, motion.angle[:-1]
+    states[:, :, 0], states[:, :, 1], states[:, :, 2] = np.nan, speed, motion.angle[:-1]
     return states
-
-
-def _steady_current(
-    rig: Rig, command: np.ndarray, back_emf: np.ndarray | float = 0.0
-) -> np.ndarray:
-    """Current (m,) in A of the nominal motor once the winding's transient has decayed, at values
-    (m,) of the driving column and a back-EMF in V; where the current is the column, that column.
-    """
-    if rig.input["kind"] == "current_a":
-        return command
-    return (command * full_volt(rig) - back_emf) / rig.motor["resistance_ohm"]
 
 
 def balance_problem(problem: Problem) -> BalanceProblem | None:
@@ -404,6 +392,15 @@ def _input_torque_sigma(run: MeasuredRun, rig: Rig) -> float:
         return constant * column_sigma(rig, "current_a", values)
     noise = command_noise_sigma(values)
     return constant / rig.motor["resistance_ohm"] * full_volt(rig) * noise
+
+
+def _steady_current(rig: Rig, command: np.ndarray, back_emf: np.ndarray) -> np.ndarray:
+    """Current (m,) in A of the nominal motor once the winding's transient has decayed, at values
+    (m,) of the driving column and a back-EMF in V; where the current is the column, that column.
+    """
+    if rig.input["kind"] == "current_a":
+        return command
+    return (command * full_volt(rig) - back_emf) / rig.motor["resistance_ohm"]
 
 
 def _driving_torque(
