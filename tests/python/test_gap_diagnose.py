@@ -1,4 +1,4 @@
-"""From files to verdict: practice cases, EMPS, schema, determinism, corrected rig, and refusal of
+"""From files to verdict: practice cases, schema, determinism, corrected rig, and refusal of
 unusable input without output.
 """
 
@@ -23,7 +23,7 @@ from vgroove.output import write_text
 from vgroove.rig import read_rig
 
 ROOT = Path(__file__).resolve().parents[2]
-PRACTICE, EMPS = ROOT / "tests/data/practice", ROOT / "tests/data/emps"
+PRACTICE = ROOT / "tests/data/practice"
 SCHEMA = ROOT / "hil/vgroove/data/verdict.schema.json"
 FIRST = {f"practice_{n:03d}" for n in range(1, 13)}
 
@@ -71,14 +71,6 @@ def test_sizes_are_those_of_the_tool() -> None:
         late["gap"]["retuned"] < 0.8 * late["gap"]["before"]
         and late["gap"]["closed_by_retuning"] > 0.2
     )
-
-
-def test_emps_is_named_from_log_and_rig_alone() -> None:
-    verdict = diagnose([EMPS / "log.csv"], read_rig(EMPS / "rig.toml")).as_dict()
-    assert verdict["verdict"] == "effect"
-    assert set(verdict["selected"][:2]) == {"viscous_friction", "coulomb_friction"}
-    assert verdict["selected"][2:] in (["directional_viscous"], ["asymmetric_friction"])
-    assert verdict["where"]["subsystem"] == "motor_mechanical"
 
 
 def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_of_the_refit(

@@ -64,29 +64,6 @@ def test_logs_of_different_length_rate_and_columns_are_diagnosed_together() -> N
     assert top["share"] > 0.2 and top["signal"] in ("speed_rpm", "current_a", "position_rad")
 
 
-def test_the_proposed_run_decides_what_one_log_leaves_undecided() -> None:
-    tool = rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}})
-    one = drive_log(tool, seconds=2.0, levels=[(0.2, 0.5)])  # one speed: all friction laws tie
-    undecided = diagnose([one], rig()).as_dict()
-    assert undecided["verdict"] == "ambiguous"
-    assert "viscous_friction" in [
-        *undecided["selected"],
-        *(r["id"] for r in undecided["indistinguishable"]),
-    ]
-    proposed = undecided["next_experiment"]
-    separations = [s["sigma"] for s in proposed["separation"]]
-    assert (
-        proposed["separation"][0]["profile"] == proposed["profile"]
-        and separations == sorted(separations, reverse=True)
-        and separations[0] > 2.0 * separations[-1]
-    )
-    two = drive_log(
-        tool, seed=5, seconds=4.0, levels=[tuple(point) for point in proposed["points"]]
-    )
-    both = diagnose([one, two], rig()).as_dict()
-    assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])
-
-
 def test_only_runs_that_the_tool_can_perform_are_proposed() -> None:
     names = {c.name for c in feasible_profiles(has_duty=False, has_load=False, both_ways=False)}
     assert names == {"staircase", "stall pulse", "slow sweep", "hold at heat", "fast ramps"}

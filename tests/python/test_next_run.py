@@ -48,6 +48,11 @@ def test_the_run_that_a_verdict_proposes_decides_what_one_log_leaves_undecided()
         *undecided["selected"],
         *(rival["id"] for rival in undecided["indistinguishable"]),
     ]
+    proposed = undecided["next_experiment"]
+    separations = [s["sigma"] for s in proposed["separation"]]
+    assert proposed["separation"][0]["profile"] == proposed["profile"]
+    assert separations == sorted(separations, reverse=True)
+    assert separations[0] > 2.0 * separations[-1]
     line = Line("staircase")
     line.run = GuidedRun(profile_from_verdict(undecided, "verdict"), line.session)
     recorded(HELD, 7.2, line, 2)
