@@ -26,9 +26,7 @@ pytestmark = pytest.mark.parametrize(
 def verdicts(first: int) -> list[Scored]:
     """The scored cases of a half, computed once."""
     with tempfile.TemporaryDirectory() as folder:
-        return [
-            diagnosed(row, Path(folder) / f"case_{n}") for n, row in enumerate(GUARD[first::2])
-        ]
+        return [diagnosed(row, Path(folder) / f"case_{n}") for n, row in enumerate(GUARD[first::2])]
 
 
 @pytest.fixture
