@@ -31,7 +31,9 @@ def predict_held_out(engine: Engine, fits: Sequence[Fit]) -> None:
     if not todo:
         return
     engine.differentiate(todo, fresh=True)
-    failed = [(one, k, step) for one in todo for k, step in enumerate(engine.fold_steps(one))]
+    for one in todo:
+        one.fold_steps = engine.fold_steps(one)
+    failed = [(one, k, step) for one in todo for k, step in enumerate(one.fold_steps)]
     for n in range(1 + MAX_SHORTENINGS):
         steps = [(one, k, SHORTENING * step if n else step) for one, k, step in failed]
         failed = list(take_fold_steps(engine, steps))
@@ -47,7 +49,7 @@ def take_fold_steps(engine: Engine, steps: Sequence[FoldStep]) -> Iterator[FoldS
     jobs = [(one.hypothesis, (one.x + step)[None, :]) for one, _, step in steps]
     for (one, k, step), (row,) in zip(steps, engine.residuals_of_jobs(jobs), strict=True):
         train, test = engine.problem.folds[k]
-        one.out_of_fold[test] = row[test]
+        one.out_of_fold[test], one.fold_steps[k] = row[test], step
         before = engine.cost(one, one.x, one.residual, train)
         if engine.cost(one, one.x + step, row, train) > before + engine.converged_gain(one):
             yield one, k, step
@@ -68,6 +70,7 @@ def predict_at_best_point(engine: Engine, one: Fit, folds: Sequence[int]) -> Non
             cost = engine.cost(one, x, row, train)
             if cost < least[k]:
                 least[k], one.out_of_fold[test] = cost, row[test]
+                one.fold_steps[k] = x - one.x
 
 
 def points_around(one: Fit) -> np.ndarray:

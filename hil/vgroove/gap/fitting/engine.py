@@ -334,8 +334,11 @@ class Engine:
         return np.where(self.groups.leaves_out[:, None], self.steps(one)[1], 0.0)
 
     def steps_without(self, one: Fit) -> np.ndarray:
-        """Steps (k, p) of the folds that leave something out."""
-        return self.steps(one)[1][self.groups.leaves_out]
+        """Steps (k, p) of the folds that leave something out: those that were simulated, where the
+        out-of-fold residuals are, else to first order.
+        """
+        steps = one.fold_steps if one.exact and len(one.fold_steps) else self.steps(one)[1]
+        return steps[self.groups.leaves_out]
 
     def predict_first_order(
         self, one: Fit, by_fold: np.ndarray, untested: np.ndarray

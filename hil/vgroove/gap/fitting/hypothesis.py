@@ -120,6 +120,8 @@ class Fit:
     damping: float = 1.0  # damping factor: share of the Gauss-Newton step that is tried
     out_of_fold: np.ndarray = field(default_factory=lambda: np.zeros(0))
     exact: bool = False  # out_of_fold is simulated, not predicted to first order
+    # steps (folds, p) from x to the points at which it is simulated; empty unless exact
+    fold_steps: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     nuisance_slopes_known: bool = False  # their columns of the Jacobian may serve at another x
     jacobian_is_at_x: bool = False
     improving: bool = True  # the last round lowered the cost by more than a converged fit gains
