@@ -8,6 +8,7 @@ import pytest
 from gap_toy import SCALES, Toy, fit_of
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, available, contains, equivalents
 from vgroove.gap.fitting.covariance import sandwich_covariance
+from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.residual.batches import split_by_size, split_by_structure
@@ -200,6 +201,20 @@ def test_intervals_are_wider_where_folds_disagree() -> None:
         interval_half_widths(engine, moved, [short])[0]
         > 2.0 * interval_half_widths(engine, one, [short])[0]
     )
+
+
+def test_the_jackknife_takes_the_steps_that_were_simulated() -> None:
+    """A fold's first-order step that raises the cost of the fold's rows is shortened; the interval
+    is that of the shortened steps.
+    """
+    toy = Toy({"effects.coulomb_friction.torque_nm": 0.003})
+    engine = Engine(toy, SCALES, {})
+    one = engine.fit(engine.hypotheses([BY_ID["coulomb_friction"]]))[0]
+    first_order = engine.steps_without(one)
+    predict_held_out(engine, [one])
+    assert engine.steps_without(one) == pytest.approx(first_order, abs=1e-3 * abs(one.x[0]))
+    one.fold_steps = 0.1 * one.fold_steps
+    assert engine.steps_without(one) == pytest.approx(0.1 * first_order, abs=1e-3 * abs(one.x[0]))
 
 
 @pytest.mark.parametrize(

@@ -314,3 +314,35 @@ def test_unknown_options_are_refused(option: dict[str, str]) -> None:
         core.simulate_log(
             log, theta_of(ref.Tool())[None, :], np.array([0]), np.zeros((1, 3)), 1, **option
         )
+
+
+ELECTRICAL_EFFECTS = (
+    "supply_resistance",
+    "dead_time",
+    "bridge_resistance",
+    "winding_resistance",
+    "brush_drop",
+    "torque_constant",
+    "magnetic_saturation",
+)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**31))
+def test_a_start_without_a_current_begins_at_the_steady_state(seed: int) -> None:
+    """A shaft so heavy that it keeps its speed, from 0 A until the winding's transient has decayed,
+    has the current with which a start without one begins.
+    """
+    rng = np.random.default_rng(seed)
+    tool = random_tool(rng)
+    tool.j, tool.tc, tool.b = 1e3, 0.0, 0.0
+    tool.effects = {e: EFFECTS[e] for e in ELECTRICAL_EFFECTS if rng.random() < 0.3}
+    kind = str(rng.choice(["duty", "voltage_v", "current_a"]))
+    command = np.full(40, rng.uniform(-1.0, 1.0) * SCALE[kind])
+    log = core.LogInput(np.arange(40) * 2.0 * tool.l / tool.r, kind, command)
+    theta, speed = theta_of(tool)[None, :], rng.uniform(-300.0, 300.0)
+    first = np.array([0])
+    settled = core.simulate_log(log, theta, first, np.array([[0.0, speed, 0.0]]))
+    begun = core.simulate_log(log, theta, first, np.array([[np.nan, speed, 0.0]]))
+    expected = settled["current_a"][0, -1]
+    assert begun["current_a"][0, [0, -1]] == pytest.approx(expected, rel=1e-6, abs=1e-4)
