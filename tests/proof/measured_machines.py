@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import textwrap
 import time
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ RESULT = RESULTS / "measured_machines.json"
 COMMAND = "python tests/proof/measured_machines.py"
 TIMEOUT_S = 1800.0  # of one diagnosis; the slowest takes minutes
 GAPS = ("before", "retuned", "after")
+ALTERED = RESULTS / "altered_machines.json"  # of altered_machines.py
 # marked part of the page: name, argument, content
 MARKED = re.compile(r"<!--part (\w+) ?(\w*)-->\n.*?<!--end of part-->", re.DOTALL)
 
@@ -195,11 +197,39 @@ def reference(name: str) -> list[str]:
     return table(("figure", "value"), rows)
 
 
+def altered(result: dict[str, Any]) -> list[str]:
+    """The diagnoses of logs with a known difference, one row each."""
+    head = (
+        f"`{result['command']}`, commit {result['commit']}: {result['first']} of {result['of']} "
+        f"cases have the right first name, {result['complete']} exactly the right ones; a wrong "
+        f"name of a probability of 0.9 or more: {result['sure_and_wrong']}."
+    )
+    rows = [
+        (
+            f"`{case['machine']}`",
+            f"{case['change']} ({number(case['size'])})" if case["size"] else case["change"],
+            f"`{case['verdict']}`",
+            ", ".join(f"`{name}` {number(p, '.2f')}" for name, p in case["selected"].items()),
+            ", ".join(f"`{name}`" for name in case["indistinguishable"]),
+            f"{number(case['gap']['before'])} / {number(case['gap']['after'])}",
+            number(case["seconds"], ".0f"),
+            "yes" if case["complete"] else "no",
+        )
+        for case in result["cases"]
+    ]
+    names = ("machine", "difference (size)", "verdict", "named, probability")
+    more = ("indistinguishable", "gap before / after", "seconds", "right")
+    return [*textwrap.wrap(head, 100), "", *table((*names, *more), rows)]
+
+
 def page(text: str) -> str:
     """The text of the page with its marked parts written again."""
     result = json.loads(RESULT.read_text(encoding="utf-8"))
     parts = {"verdicts": lambda _: verdicts(result), "answers": lambda _: answers()}
-    parts["reference"] = reference
+    parts |= {
+        "reference": reference,
+        "altered": lambda _: altered(json.loads(ALTERED.read_text(encoding="utf-8"))),
+    }
 
     def part(match: re.Match[str]) -> str:
         lines = parts[match[1]](match[2])
