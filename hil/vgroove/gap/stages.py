@@ -11,6 +11,8 @@ from vgroove.gap.catalogue import BY_ID, CATALOGUE, available
 from vgroove.gap.cleaning.time_range import TimeRange
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.log_check import checked_logs
+from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.next_run import experiment_design
 from vgroove.gap.residual.loading import load_problem, read
 from vgroove.gap.residual.problem import Problem
@@ -39,6 +41,7 @@ __all__ = [
     "locate_gap",
     "locate_remainder",
     "propose",
+    "read_logs",
     "select",
     "state_verdict",
 ]
@@ -86,8 +89,17 @@ def load(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> Problem:
             raise VgrooveError(
                 f"--without: {name} is not in the catalogue of this diagnosis ({known})"
             )
+    problem = load_problem(read_logs(logs, rig, options), rig)
+    if not options.as_is:
+        refuse_uncompared(problem)
+    return problem
+
+
+def read_logs(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> list[Any]:
+    """The logs within the range of the options, checked; VgrooveError for unusable ones."""
     time_range = TimeRange(options.from_s, options.to_s)
-    return load_problem([time_range.select(read(log)) for log in logs], rig)
+    tables = [time_range.select(read(log)) for log in logs]
+    return checked_logs(tables, rig, options.as_is)
 
 
 def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:

@@ -14,6 +14,7 @@ from vgroove.log.frames import log_from_session, log_from_stream
 from vgroove.log.table import (
     COLUMN_LABELS,
     COLUMN_UNITS,
+    MEASURED,
     MIN_USABLE_SAMPLES,
     Log,
     current_is_unsigned,
@@ -23,6 +24,7 @@ __all__ = [
     "COLUMN_LABELS",
     "COLUMN_UNITS",
     "LOG_ENDINGS",
+    "MEASURED",
     "MIN_USABLE_SAMPLES",
     "Log",
     "csv_header",

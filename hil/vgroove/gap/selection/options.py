@@ -8,7 +8,8 @@ from dataclasses import dataclass
 class DiagnosisOptions:
     """seed: of the bootstrap; without: ids of effects that are excluded from the catalogue;
     progress: is called with a text at each stage; from_s, to_s: range in s of each log's own time
-    column outside of which no row is used (None: no bound).
+    column outside of which no row is used (None: no bound); as_is: use logs whose units, signs or
+    time base look wrong.
     """
 
     seed: int = 0
@@ -16,3 +17,4 @@ class DiagnosisOptions:
     progress: Callable[[str], None] = lambda _: None
     from_s: float | None = None
     to_s: float | None = None
+    as_is: bool = False
