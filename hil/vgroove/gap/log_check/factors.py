@@ -205,8 +205,8 @@ def units_of(column: str, rig: Rig) -> list[Unit]:
     found = []
     if column in GEARED and ratio >= RULES.least:
         name = f"it is measured behind the gear (gearbox.ratio {ratio:g})"
-        found += [Unit(1.0 / ratio, name, _mend(column, f"{ratio:g}*{own}"))]
-        found += [Unit(-1.0 / ratio, name, _mend(column, f"-{ratio:g}*{own}"))]
+        found += [Unit(1.0 / ratio, name, _mend(column, f"{ratio:g} {own}"))]
+        found += [Unit(-1.0 / ratio, name, _mend(column, f"-{ratio:g} {own}"))]
     for factor, name in COLUMN_UNITS_WRITTEN[column].items():
         wide = factor == 1e3
         found.append(Unit(factor, f"it is in {name}", _mend(column, name), wide))
