@@ -167,9 +167,8 @@ def test_commands_end_with_2_for_a_wrong_unit_unless_it_is_wanted(tmp_path: Path
     done = run("gap", "diagnose", str(wrong), "--rig", rig_path, "--json", f"{tmp_path / 'v.json'}")
     assert done.returncode == 2 and "current_a:mA=current_a" in done.stderr, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["mA.csv"]
-    for given in (
-        ["log", "check", str(wrong), "--rig", rig_path],
-        ["sim", rig_path, "--log", str(wrong)],
-    ):
+    check = ["log", "check", str(wrong), "--rig", rig_path]
+    simulate = ["sim", rig_path, "--log", str(wrong)]
+    for given in (check, simulate):
         assert isinstance(CliRunner().invoke(app, given).exception, VgrooveError)
     assert CliRunner().invoke(app, [*simulate, "--as-is"]).exit_code == 0

@@ -30,6 +30,7 @@ from vgroove.gap.verdict.effect_findings import effect_findings, indistinguishab
 from vgroove.gap.verdict.gap_figures import gap_figures
 from vgroove.gap.verdict.location import largest_share, regime_shares, shapley_shares
 from vgroove.gap.verdict.remainder import Remainder, correlate_shares, remaining, unexplained
+from vgroove.gap.verdict.row_delay import row_delay_remarks, row_interval_s
 from vgroove.gap.verdict.schema import NextExperiment, Where
 from vgroove.rig import Rig
 
@@ -158,16 +159,20 @@ def state_verdict(
     search, finding = decided.located.search, decided.finding
     problem = decided.located.simulated
     rivals = indistinguishable(search, finding, log_flags(problem))
+    names, effects = selected(search, finding), effect_findings(search, finding, estimated)
+    fitted = {effect.id: effect.parameters for effect in effects if effect.id in names}
+    holds_after = problem.rig.command_holds_after
+    remarks = row_delay_remarks(fitted, row_interval_s(problem), holds_after)
     return Verdict(
         verdict=finding.verdict,
-        selected=selected(search, finding),
+        selected=names,
         gap=gap_figures(search, decided.reported, estimated),
         where=where,
-        effects=effect_findings(search, finding, estimated),
+        effects=effects,
         indistinguishable=[r for r in rivals if r.id not in search.without],
         retuned_parameters=estimated.retuned_parameters(),
         next_experiment=next_run,
         unexplained=unexplained(search, finding.remainder),
-        warnings=list(problem.warnings),
+        warnings=[*problem.warnings, *remarks],
         evidence=Evidence(problem, search, estimated),
     )
