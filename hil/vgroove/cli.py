@@ -42,6 +42,8 @@ ToS = Annotated[
     float | None,
     typer.Option("--to", metavar="S", help="Use no row after this time of the log, in s."),
 ]
+rig_app = typer.Typer(no_args_is_help=True, help="Rigs: what the simulation assumes about a tool.")
+app.add_typer(rig_app, name="rig")
 AsIs = Annotated[
     bool,
     typer.Option("--as-is", help="Use a log whose units, signs or time base look wrong."),
@@ -319,6 +321,35 @@ def _check_outputs(*outputs: Path | None, inputs: Sequence[Path] = ()) -> None:
     from vgroove.output import check_outputs
 
     check_outputs(outputs, inputs)
+
+
+@rig_app.callback()
+def rig_commands() -> None:
+    """Rigs: what the simulation assumes about a tool."""
+
+
+@rig_app.command("new")
+def rig_new(
+    output: Annotated[
+        Path | None,
+        typer.Argument(metavar="[OUT]", help="File to write; without: standard output."),
+    ] = None,
+    kind: Annotated[
+        str,
+        typer.Option(help="free, torque, pendulum, hard_joint, disc_spring or wood_screw."),
+    ] = "free",
+) -> None:
+    """Write a complete rig with a comment on each key: replace its values by those of your tool."""
+    from vgroove.output import write_text
+    from vgroove.rig_template import template_text
+
+    text = template_text(kind)
+    if output is None:
+        typer.echo(text, nl=False)
+        return
+    if output.exists():
+        raise VgrooveError(f"{output}: exists already: name a new file")
+    write_text(output, text)
 
 
 @log_app.callback()

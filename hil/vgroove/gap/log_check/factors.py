@@ -28,7 +28,7 @@ from vgroove.units import RAD_S_PER_RPM
 @dataclass(frozen=True)
 class FactorRules:
     """When a factor is that of a unit. Checked on the logs of tests/data and on altered tools:
-    parameters off by up to 50 %, gains by up to 30 % (tests/python/test_log_check.py).
+    parameters off by up to 50 %, gains by up to 30 % (tests/python/test_log_units.py).
     """
 
     tolerance: float = 0.03  # relative, of a factor that a faulty tool could come near
