@@ -19,6 +19,7 @@ from vgroove.terminal import print_line, print_warning
 
 if TYPE_CHECKING:
     from vgroove.gap import DiagnosisOptions
+    from vgroove.log import ColumnMap
     from vgroove.run import RunOptions
 
 # The plant starts threads itself, with which BLAS threads would compete. The variable is read when
@@ -47,6 +48,18 @@ app.add_typer(rig_app, name="rig")
 AsIs = Annotated[
     bool,
     typer.Option("--as-is", help="Use a log whose units, signs or time base look wrong."),
+]
+Maps = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="NAME[:UNIT]=COLUMN",
+        help="Read this column of the file as that column of a log, such as "
+        "I_motor:mA=current_a; may be repeated.",
+    ),
+]
+MapFile = Annotated[
+    Path | None, typer.Option("--map-file", help="TOML file that names the columns of a log.")
 ]
 bench_app = typer.Typer(
     no_args_is_help=True,
@@ -257,6 +270,8 @@ def sim(
     from_s: FromS = None,
     to_s: ToS = None,
     as_is: AsIs = False,
+    maps: Maps = None,
+    map_file: MapFile = None,
 ) -> None:
     """Simulate the plant without firmware: a scenario, or a rig at full trigger; with --log, a rig
     driven by the log's input, and its gap on held-out blocks.
@@ -265,7 +280,8 @@ def sim(
 
     _check_outputs(json_path, output, inputs=[path, *(log or [])])
     if log:
-        options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is)
+        columns = _columns(maps, map_file)
+        options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
         figures = _sim_logs(path, log, output, restart_s, options)
     else:
         figures = _sim_scenario(path, output)
@@ -308,6 +324,12 @@ def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
     if output:
         write_csv(simulated, output)
     return figures
+
+
+def _columns(maps: list[str] | None, map_file: Path | None) -> "ColumnMap":
+    from vgroove.log import column_map
+
+    return column_map(maps or (), map_file)
 
 
 def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
@@ -366,6 +388,8 @@ def log_check(
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write facts and findings as JSON.")
     ] = None,
+    maps: Maps = None,
+    map_file: MapFile = None,
 ) -> None:
     """Rows, rate, gaps, ranges and signs of a log; with --rig also its units, the convention of its
     rows, and the time that a diagnosis takes. Exit code 2 for a log that a diagnosis would refuse.
@@ -374,7 +398,7 @@ def log_check(
     from vgroove.log import read_log
 
     _check_outputs(json_path, inputs=[path, *([rig] if rig else [])])
-    check_file(read_log(path), rig, json_path)
+    check_file(read_log(path, _columns(maps, map_file)), rig, json_path)
 
 
 @gap_app.command("diagnose")
@@ -407,6 +431,8 @@ def gap_diagnose(
     from_s: FromS = None,
     to_s: ToS = None,
     as_is: AsIs = False,
+    maps: Maps = None,
+    map_file: MapFile = None,
 ) -> None:
     """Find where logs and simulation differ, which effect the simulation lacks, and how much that
     effect reduces the gap.
@@ -415,7 +441,8 @@ def gap_diagnose(
     from vgroove.gap.command import OutputPaths, diagnose_files
 
     outputs = OutputPaths(json_path, html_path, out_rig)
-    options = DiagnosisOptions(seed, tuple(without or ()), from_s=from_s, to_s=to_s, as_is=as_is)
+    columns, ids = _columns(maps, map_file), tuple(without or ())
+    options = DiagnosisOptions(seed, ids, from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
     diagnose_files(logs, rig, outputs, options)
 
 

@@ -14,7 +14,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.log_check import checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.next_run import experiment_design
-from vgroove.gap.residual.loading import load_problem, read
+from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.result import Evidence, Verdict
 from vgroove.gap.selection.comparison import begin_in_better_comparison
@@ -32,6 +32,7 @@ from vgroove.gap.verdict.location import largest_share, regime_shares, shapley_s
 from vgroove.gap.verdict.remainder import Remainder, correlate_shares, remaining, unexplained
 from vgroove.gap.verdict.row_delay import row_delay_remarks, row_interval_s
 from vgroove.gap.verdict.schema import NextExperiment, Where
+from vgroove.log import NO_MAP, as_log
 from vgroove.rig import Rig
 
 __all__ = [
@@ -99,7 +100,8 @@ def load(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> Problem:
 def read_logs(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> list[Any]:
     """The logs within the range of the options, checked; VgrooveError for unusable ones."""
     time_range = TimeRange(options.from_s, options.to_s)
-    tables = [time_range.select(read(log)) for log in logs]
+    columns = options.columns or NO_MAP
+    tables = [time_range.select(as_log(log, columns)) for log in logs]
     return checked_logs(tables, rig, options.as_is)
 
 
