@@ -12,11 +12,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 from asammdf import MDF, Signal
 from hypothesis import given, settings
@@ -133,6 +130,29 @@ def test_columns_without_a_name_are_no_obstacle(tmp_path: Path, kind: str) -> No
         lines = [first, *(f"{k},{line}" for k, line in enumerate(lines[1:]))]
     (tmp_path / "a.csv").write_text("\n".join(lines))
     assert same(read_log(tmp_path / "a.csv"), sample())
+
+
+@pytest.mark.parametrize(
+    "units", ["ms,mA,rad/s,", "(ms),(mA),(rad/s),(-)", "[ms],[mA],[rad/s],[1]"]
+)
+def test_a_line_of_units_below_the_names_is_read(tmp_path: Path, units: str) -> None:
+    columns = foreign(sample())
+    lines = text_of({n: columns[n] for n in ("Time", "I_motor", "n", "U_cmd")}).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([lines[0], units, "", *lines[1:]]))
+    names = [text.split("=")[0].split(":")[0] + "=" + text.split("=")[1] for text in FOREIGN]
+    assert same(read_log(tmp_path / "a.csv", column_map(names)), sample(), 1e-9)
+
+
+def test_units_in_the_names_are_read_and_an_option_replaces_them(tmp_path: Path) -> None:
+    columns = foreign(sample())
+    columns["I (mA)"], columns["t [ms]"] = columns.pop("I_motor"), columns.pop("Time")
+    (tmp_path / "a.csv").write_text(text_of(columns))
+    rest = ["U_cmd=duty", "n:rad/s=speed_rpm", "t [ms]=time_s"]
+    assert same(
+        read_log(tmp_path / "a.csv", column_map([*rest, "I (mA)=current_a"])), sample(), 1e-9
+    )
+    log = read_log(tmp_path / "a.csv", column_map([*rest, "I (mA):A=current_a"]))
+    assert np.allclose(log["current_a"], sample()["current_a"] * 1e3)
 
 
 def test_a_compressed_csv_is_read_and_a_damaged_one_refused(tmp_path: Path) -> None:
@@ -316,6 +336,17 @@ def test_the_time_base_can_be_declared(tmp_path: Path) -> None:
         read_log(path, ColumnMap((), "speed"))
 
 
+def test_the_time_of_the_groups_may_be_named_in_the_map(tmp_path: Path) -> None:
+    log = sample()
+    path = mf4(
+        tmp_path / "a.mf4",
+        [[Signal(v, log.time_s * 1e3, name=n) for n, v in log.columns.items()]],
+    )
+    assert same(read_log(path, column_map(["time:ms=time_s"])), log)
+    with pytest.raises(VgrooveError, match="duty is no time of a channel group"):
+        read_log(path, column_map(["duty=time_s", "duty=duty"]))
+
+
 def test_a_hole_in_a_channel_stays_a_hole(tmp_path: Path) -> None:
     log = sample(400)
     kept = np.r_[0:100, 200:400]
@@ -351,6 +382,7 @@ def test_a_mat_file_of_version_5_is_read(tmp_path: Path) -> None:
 
 
 def test_a_mat_file_of_version_7_3_is_read(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
     log, path = sample(), tmp_path / "a.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         group = file.create_group("run")
@@ -364,18 +396,21 @@ def test_a_mat_file_of_version_7_3_is_read(tmp_path: Path) -> None:
 
 
 def test_a_parquet_file_is_read_with_its_missing_values(tmp_path: Path) -> None:
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     log = sample()
     log.columns["current_a"][5] = np.nan
     table = pa.table(own(log) | {"note": ["x"] * len(log)})
     current = pa.array(log["current_a"], mask=np.isnan(log["current_a"]))
     table = table.set_column(table.column_names.index("current_a"), "current_a", current)
-    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    parquet.write_table(table, tmp_path / "a.parquet")
     back = read_log(tmp_path / "a.parquet")
     assert same(back, log) and any("note" in warning for warning in back.warnings)
 
 
 @pytest.mark.parametrize(("name", "head"), [("a.mat", b"MATLAB 5.0"), ("a.parquet", b"PAR1")])
 def test_a_damaged_file_is_a_sentence(tmp_path: Path, name: str, head: bytes) -> None:
+    if name == "a.parquet":
+        pytest.importorskip("pyarrow")
     (tmp_path / name).write_bytes(head + bytes(range(200)))
     refused(tmp_path / name, "damaged or truncated")
 

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
 
+from vgroove.log.units_of_columns import is_unit
+
 DELIMITERS = "\t;,"  # in the order in which they are tried; a comma may be a decimal sign
 COMMENTS = ("#", "%")
 HEAD_LINES = 1000  # within which the header is looked for
@@ -13,14 +15,15 @@ HEAD_LINES = 1000  # within which the header is looked for
 
 @dataclass(frozen=True)
 class Dialect:
-    """Separator of the cells, names of the columns, the line that holds them, and the number of
-    lines before the first row.
+    """Separator of the cells, names of the columns, the line that holds them, the number of lines
+    before the first row, and the units that a line below the names states (empty: no such line).
     """
 
     delimiter: str
     header: tuple[str, ...]
     header_line: int
     skipped: int
+    units: tuple[str, ...] = ()
 
 
 def is_comment(line: str) -> bool:
@@ -51,7 +54,7 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
     plain = [(n, line) for n, line in filled if not is_comment(line)]
     if not plain:
         return None
-    (number, line), after = plain[0], [text for _, text in plain[1:2]]
+    (number, line), after = plain[0], [text for _, text in plain[1:3]]
     delimiter = _delimiter(line, after)
     header = _cells(line, delimiter)
     if all(is_number(cell) for cell in header):
@@ -59,7 +62,10 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
         if named:
             return Dialect(delimiter, named, number - 1, number - 1)
     rows = [_cells(text, delimiter) for text in after]
-    return Dialect(delimiter, _with_index(header, rows), number, number)
+    units, skipped = _units(rows[0], len(header)) if rows else (), number
+    if units:
+        rows, skipped = rows[1:], plain[1][0]
+    return Dialect(delimiter, _with_index(header, rows), number, skipped, units)
 
 
 def _cells(line: str, delimiter: str) -> tuple[str, ...]:
@@ -75,6 +81,14 @@ def _delimiter(header: str, rows: list[str]) -> str:
     held = [d for d in DELIMITERS if d in bare[0]]
     equal = [d for d in held if all(line.count(d) == bare[0].count(d) for line in bare)]
     return (equal or held or [","])[0]
+
+
+def _units(row: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """The units of a row without any number, as (ms), [V] or A; empty for a row of samples."""
+    bare = tuple(cell.strip("()[] ") for cell in row)
+    if len(row) != count or any(map(is_number, row)) or not any(map(is_unit, bare)):
+        return ()
+    return bare
 
 
 def _names_in_comment(comments: list[str], delimiter: str, count: int) -> tuple[str, ...] | None:

@@ -64,7 +64,8 @@ def _read(path: Path, columns: ColumnMap) -> Log:
             lines[part], table[:, part] = chunk.lines, chunk.values
     found = {}
     for n, (column, place) in enumerate(places.items()):
-        factor = factor_of(place, column, "", warnings, str(path))
+        unit = dialect.units[known[n]] if dialect.units else ""
+        factor = factor_of(place, column, unit, warnings, str(path))
         found[column] = table[n, :count] * factor if factor != 1.0 else table[n, :count]
     time_s = found.pop("time_s")
     return checked(Log(time_s, found, str(path), warnings), lines[:count])

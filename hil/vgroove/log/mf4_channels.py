@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.log.column_map import ColumnMap
+from vgroove.log.column_map import ColumnMap, Place
 from vgroove.log.nearest import nearest_columns
 from vgroove.log.raw_columns import factor_of
 from vgroove.log.table import Log, check_columns, checked
@@ -43,22 +43,40 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     `time_base`, else of the fastest channel that a log column is read from.
     """
     masters = {c.name for g in mdf.groups for c in g.channels if c.channel_type in MASTERS}
-    names = [name for name in mdf.channels_db if name not in masters]
-    places = columns.places(str(path), names)
-    unknown = [name for name in names if name not in {p.name for p in places.values()}]
+    places = columns.places(str(path), list(mdf.channels_db))
+    time_factor = _time_factor(path, places.pop(TIME_COLUMN, None), masters)
+    used = {place.name for place in places.values()} | masters
+    unknown = [name for name in mdf.channels_db if name not in used]
     check_columns(str(path), {TIME_COLUMN, *places}, unknown)
     warnings = [f"{path}: the unknown column {name} is ignored." for name in unknown]
-    found = []
-    for column, place in places.items():
-        if column != TIME_COLUMN:
-            signal = _signal(mdf, path, place.name)
-            factor = factor_of(place, column, signal.unit, warnings, str(path))
-            times = np.asarray(signal.timestamps, float)
-            found.append(Channel(place.name, column, times, signal.samples.astype(float) * factor))
+    found = [_channel(mdf, path, column, place, warnings) for column, place in places.items()]
     base = _time_base(mdf, path, columns, found)
     resampled = {c.column: _resampled(c, base) for c in found}
     warnings += _resampling_warnings(path, found, base)
-    return checked(Log(base, resampled, str(path), warnings))
+    return checked(Log(base * time_factor, resampled, str(path), warnings))
+
+
+def _time_factor(path: Path, place: Place | None, masters: set[str]) -> float:
+    """Factor from the times of the groups to s, which they are in unless the map has another unit;
+    VgrooveError where the map names a channel that is no time of a group.
+    """
+    if place is None:
+        return 1.0
+    if place.name not in masters:
+        raise VgrooveError(
+            f"{path}: {place.name} is no time of a channel group (these are "
+            f"{', '.join(sorted(masters))}): leave it out of the map, or declare the channel whose "
+            "times are the rows as time_base in a mapping file."
+        )
+    return 1.0 if place.factor is None else place.factor
+
+
+def _channel(mdf: Any, path: Path, column: str, place: Place, warnings: list[str]) -> Channel:
+    """A log column of the file, in the unit of the log."""
+    signal = _signal(mdf, path, place.name)
+    factor = factor_of(place, column, signal.unit, warnings, str(path))
+    times = np.asarray(signal.timestamps, float)
+    return Channel(place.name, column, times, signal.samples.astype(float) * factor)
 
 
 def _signal(mdf: Any, path: Path, name: str) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 from vgroove.errors import VgrooveError
 from vgroove.log.column_map import ColumnMap, Place
 from vgroove.log.table import Log, check_columns, checked
-from vgroove.log.units_of_columns import TIME_COLUMN, known_unit, own_unit
+from vgroove.log.units_of_columns import TIME_COLUMN, known_unit, own_unit, unit_in_name
 
 NO_UNIT = ("", "-")  # that a file states for plain numbers
 
@@ -28,11 +28,13 @@ class RawColumns:
 
 def factor_of(place: Place, column: str, unit: str, warnings: list[str], source: str) -> float:
     """Factor from a column of a source to the log's unit: of the map's unit, else of the unit that
-    the source states, else 1; a warning is added for a unit that is not known.
+    the source or the name of its column states, else 1; a warning is added for a unit that is not
+    known.
     """
     if place.factor is not None:
         return place.factor
-    known = 1.0 if unit.strip() in NO_UNIT else known_unit(unit, column)
+    unit = unit if unit.strip() not in NO_UNIT else unit_in_name(place.name)
+    known = known_unit(unit, column) if unit else 1.0
     if known is None:
         own = own_unit(column) or "1"
         warnings.append(

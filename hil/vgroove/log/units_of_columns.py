@@ -31,6 +31,7 @@ UNITS: dict[str, dict[str, float]] = {
     "": {"": 1.0, "1": 1.0, "%": 1e-2},
 }
 SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "°": "deg", " ": "", "·": "", "*": ""})
+IN_BRACKETS = re.compile(r"[(\[]([^()\[\]]*)[)\]]\s*$")
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -46,6 +47,20 @@ def known_unit(text: str, column: str) -> float | None:
         return units[name]
     alike = [factor for unit, factor in units.items() if unit.lower() == name.lower()]
     return alike[0] if len(alike) == 1 else None
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit of any column."""
+    return any(
+        known is not None and text.strip()
+        for known in (known_unit(text, column) for column in (TIME_COLUMN, *COLUMN_UNITS))
+    )
+
+
+def unit_in_name(name: str) -> str:
+    """The unit that a name of a file states at its end, as in Time (ms) or I [mA]; else empty."""
+    found = IN_BRACKETS.search(name)
+    return found[1] if found and is_unit(found[1]) else ""
 
 
 def unit_factor(text: str, column: str) -> float:
