@@ -2,7 +2,8 @@
 
 import re
 
-from vgroove.log import COLUMN_LABELS, COLUMN_UNITS
+from vgroove.log import COLUMN_LABELS, COLUMN_UNITS, READERS
+from vgroove.log.units_of_columns import UNITS, own_unit
 from vgroove.rig_keys import KINDS, SECTIONS
 from vgroove.rig_template import BASE, MEANINGS, TEMPLATES, key_table
 
@@ -16,6 +17,15 @@ COLUMNS = (
     "load_nm",
     "coast",
 )
+FILES = {
+    ".csv": "text in UTF-8: a header with the names, a row a sample",
+    ".csv.gz": "the same, compressed by gzip",
+    ".mf4": "channels, in one or more channel groups; or CAN frames of a board",
+    ".blf": "CAN frames of a board ([telemetry.md](telemetry.md))",
+    ".asc": "CAN frames of a board ([telemetry.md](telemetry.md))",
+    ".mat": "vectors and structs of vectors; version 7.3 needs h5py",
+    ".parquet": "columns; needs pyarrow",
+}
 
 
 def column_table() -> list[str]:
@@ -26,9 +36,26 @@ def column_table() -> list[str]:
     ]
 
 
+def unit_table() -> list[str]:
+    """Rows of a Markdown table of the units that a column may be written in."""
+    rows = ["| columns | units |", "| --- | --- |"]
+    for unit, others in UNITS.items():
+        names = [f"`{name}`" for name in ("time_s", *COLUMNS) if own_unit(name) == unit]
+        if names:
+            written = ", ".join(f"`{other}`" for other in others if other)
+            rows.append(f"| {', '.join(names)} | {written} |")
+    return rows
+
+
+def file_table() -> list[str]:
+    """Rows of a Markdown table of the endings of log files."""
+    rows = ["| ending | what is read |", "| --- | --- |"]
+    return rows + [f"| `{ending}` | {FILES[ending]} |" for ending in READERS]
+
+
 def tables() -> dict[str, list[str]]:
     """The generated tables by the name of their marker."""
-    found = {"columns": column_table()}
+    found = {"columns": column_table(), "units": unit_table(), "files": file_table()}
     for section in (*BASE, "sensors"):
         found[section] = key_table(section, SECTIONS[section])
     found["mechanism"] = key_table("mechanism", _described("mechanism", ("impact",)))

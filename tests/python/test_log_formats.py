@@ -5,6 +5,7 @@ project's own.
 import csv
 import gzip
 import json
+import re
 import subprocess
 import sys
 import time
@@ -504,3 +505,13 @@ def test_a_large_file_costs_little_more_than_its_numbers(tmp_path: Path) -> None
         read_log(tmp_path / "a.csv")
         taken.append(time.process_time() - begin)
     assert min(taken) < 0.25
+
+
+def test_the_mapping_file_of_the_page_is_one(tmp_path: Path) -> None:
+    page = (ROOT / "docs/input_format.md").read_text()
+    (text,) = re.findall(r'```toml\n(schema = "vgroove.map/1".*?)```', page, re.DOTALL)
+    (tmp_path / "map.toml").write_text(text)
+    columns = column_map((), tmp_path / "map.toml")
+    assert columns.time_base == "I_motor" and len(columns.entries) == 3
+    for option in re.findall(r'--map "([^"]+)"', page):
+        assert column_map([option]).entries
