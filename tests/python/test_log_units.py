@@ -18,7 +18,10 @@ from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
+from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN
+from vgroove.gap.log_check.plausible import TIME_UNITS
 from vgroove.log import Log, read_log, write_csv
+from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig, read_rig
 
 LOGS = sorted((ROOT / "tests/data").rglob("log*.csv"))
@@ -84,6 +87,9 @@ UNITS = [
     ("supply_v", 1e3, "supply_v:mV=supply_v"),
     ("speed_rpm", np.pi / 30.0, "speed_rpm:rad/s=speed_rpm"),
     ("speed_rpm", 1.0 / 60.0, "speed_rpm:rev/s=speed_rpm"),
+    ("speed_rpm", 2.0 * np.pi, "speed_rpm:rad/min=speed_rpm"),
+    ("speed_rpm", 30.0 / np.pi, "speed_rpm:0.1047198 rpm=speed_rpm"),
+    ("speed_rpm", 60.0, "speed_rpm:0.01666667 rpm=speed_rpm"),
     ("speed_rpm", -1.0, "speed_rpm:-rpm=speed_rpm"),
     ("speed_rpm", 1.0 / 9.0, "gearbox.ratio 9"),  # 60 / (2 pi) is 9.55, 6 % away
     ("duty", -1.0, "duty:-1=duty"),
@@ -100,6 +106,17 @@ def test_a_wrong_unit_or_sign_is_named_with_its_mend(column: str, factor: float,
         checked_logs([scaled(log, column, factor)], tool)
     assert mend in str(caught.value) and "--as-is" in str(caught.value)
     assert checked_logs([scaled(log, column, factor)], tool, as_is=True)
+
+
+def test_each_unit_that_a_message_names_is_one_that_the_map_reads() -> None:
+    ratio = practice()[1].gearbox["ratio"]
+    written = {
+        (c, name): f for c, units in COLUMN_UNITS_WRITTEN.items() for f, name in units.items()
+    }
+    written |= {("time_s", name): factor for factor, name in TIME_UNITS.items()}
+    written |= {("speed_rpm", f"{ratio:g} rpm"): 1.0 / ratio, ("duty", "-1"): -1.0}
+    for (column, name), factor in written.items():
+        assert unit_factor(name, column) * factor == pytest.approx(1.0), (column, name)
 
 
 def test_a_factor_of_a_tool_is_no_unit() -> None:

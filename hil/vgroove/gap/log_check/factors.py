@@ -22,7 +22,7 @@ from vgroove.gap.log_check.nominal import (
 from vgroove.gap.log_check.time_unit import best_time_factor, time_finding
 from vgroove.log import COLUMN_UNITS, Log
 from vgroove.rig import Rig
-from vgroove.units import RAD_S_PER_RPM
+from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,14 @@ class Slope:
 COLUMN_UNITS_WRITTEN = {
     "current_a": {1e3: "mA"},
     "supply_v": {1e3: "mV"},
-    "speed_rpm": {RAD_S_PER_RPM: "rad/s", 1 / 60: "rev/s", 6.0: "deg/s", 60.0: "rev/h"},
+    "speed_rpm": {
+        RAD_S_PER_RPM: "rad/s",
+        1 / 60: "rev/s",
+        6.0: "deg/s",
+        2.0 * math.pi: "rad/min",
+        RPM_PER_RAD_S: "0.1047198 rpm",  # converted from rad/s twice
+        60.0: "0.01666667 rpm",  # converted from rev/s twice
+    },
     "position_rad": {180.0 / math.pi: "deg", 0.5 / math.pi: "rev", 1e3: "mrad"},
 }
 GEARED = ("speed_rpm", "position_rad")
