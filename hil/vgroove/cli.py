@@ -18,7 +18,8 @@ from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning
 
 if TYPE_CHECKING:
-    from vgroove.gap.cleaning.time_range import TimeRange
+    from vgroove.gap import DiagnosisOptions
+    from vgroove.log import ColumnMap
     from vgroove.run import RunOptions
 
 # The plant starts threads itself, with which BLAS threads would compete. The variable is read when
@@ -30,6 +31,10 @@ gap_app = typer.Typer(
     no_args_is_help=True, help="Diagnose the gap between a log and its simulation."
 )
 app.add_typer(gap_app, name="gap")
+log_app = typer.Typer(
+    no_args_is_help=True, help="Logs: what one holds, and whether it can be used."
+)
+app.add_typer(log_app, name="log")
 FromS = Annotated[
     float | None,
     typer.Option("--from", metavar="S", help="Use no row before this time of the log, in s."),
@@ -37,6 +42,24 @@ FromS = Annotated[
 ToS = Annotated[
     float | None,
     typer.Option("--to", metavar="S", help="Use no row after this time of the log, in s."),
+]
+rig_app = typer.Typer(no_args_is_help=True, help="Rigs: what the simulation assumes about a tool.")
+app.add_typer(rig_app, name="rig")
+AsIs = Annotated[
+    bool,
+    typer.Option("--as-is", help="Use a log whose units, signs or time base look wrong."),
+]
+Maps = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="NAME[:UNIT]=COLUMN",
+        help="Read this column of the file as that column of a log, such as "
+        "I_motor:mA=current_a; may be repeated.",
+    ),
+]
+MapFile = Annotated[
+    Path | None, typer.Option("--map-file", help="TOML file that names the columns of a log.")
 ]
 bench_app = typer.Typer(
     no_args_is_help=True,
@@ -246,15 +269,20 @@ def sim(
     ] = 0.25,
     from_s: FromS = None,
     to_s: ToS = None,
+    as_is: AsIs = False,
+    maps: Maps = None,
+    map_file: MapFile = None,
 ) -> None:
     """Simulate the plant without firmware: a scenario, or a rig at full trigger; with --log, a rig
     driven by the log's input, and its gap on held-out blocks.
     """
-    from vgroove.gap.cleaning.time_range import TimeRange
+    from vgroove.gap import DiagnosisOptions
 
     _check_outputs(json_path, output, inputs=[path, *(log or [])])
     if log:
-        figures = _sim_logs(path, log, output, restart_s, TimeRange(from_s, to_s))
+        columns = _columns(maps, map_file)
+        options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
+        figures = _sim_logs(path, log, output, restart_s, options)
     else:
         figures = _sim_scenario(path, output)
     _write_json(json_path, figures)
@@ -265,18 +293,18 @@ def _sim_logs(
     logs: list[Path],
     output: Path | None,
     restart_s: float,
-    time_range: "TimeRange",
+    options: "DiagnosisOptions",
 ) -> dict[str, Any]:
     from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
-    from vgroove.log import read_log
+    from vgroove.gap.stages import read_logs
     from vgroove.rig import read_rig
 
     if not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
     if output and len(logs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
-    rig, tables = read_rig(rig_path), [time_range.select(read_log(path)) for path in logs]
-    figures, problem = compute_gap(rig, tables, restart_s)
+    rig = read_rig(rig_path)
+    figures, problem = compute_gap(rig, read_logs(logs, rig, options), restart_s, options.as_is)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
         print_warning(Console(stderr=True), warning)
@@ -298,6 +326,12 @@ def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
     return figures
 
 
+def _columns(maps: list[str] | None, map_file: Path | None) -> "ColumnMap":
+    from vgroove.log import column_map
+
+    return column_map(maps or (), map_file)
+
+
 def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
     from vgroove.output import write_json
 
@@ -309,6 +343,62 @@ def _check_outputs(*outputs: Path | None, inputs: Sequence[Path] = ()) -> None:
     from vgroove.output import check_outputs
 
     check_outputs(outputs, inputs)
+
+
+@rig_app.callback()
+def rig_commands() -> None:
+    """Rigs: what the simulation assumes about a tool."""
+
+
+@rig_app.command("new")
+def rig_new(
+    output: Annotated[
+        Path | None,
+        typer.Argument(metavar="[OUT]", help="File to write; without: standard output."),
+    ] = None,
+    kind: Annotated[
+        str,
+        typer.Option(help="free, torque, pendulum, hard_joint, disc_spring or wood_screw."),
+    ] = "free",
+) -> None:
+    """Write a complete rig with a comment on each key: replace its values by those of your tool."""
+    from vgroove.output import write_text
+    from vgroove.rig_template import template_text
+
+    text = template_text(kind)
+    if output is None:
+        typer.echo(text, nl=False)
+        return
+    if output.exists():
+        raise VgrooveError(f"{output}: exists already: name a new file")
+    write_text(output, text)
+
+
+@log_app.callback()
+def log_commands() -> None:
+    """Logs: what one holds, and whether it can be used."""
+
+
+@log_app.command("check")
+def log_check(
+    path: Annotated[Path, typer.Argument(metavar="LOG", help="Log to check.")],
+    rig: Annotated[
+        Path | None, typer.Option("--rig", help="Rig, with whose simulation units are compared.")
+    ] = None,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write facts and findings as JSON.")
+    ] = None,
+    maps: Maps = None,
+    map_file: MapFile = None,
+) -> None:
+    """Rows, rate, gaps, ranges and signs of a log; with --rig also its units, the convention of its
+    rows, and the time that a diagnosis takes. Exit code 2 for a log that a diagnosis would refuse.
+    """
+    from vgroove.gap.log_check.command import check_file
+    from vgroove.log import read_log
+
+    _check_outputs(json_path, inputs=[path, *([rig] if rig else [])])
+    check_file(read_log(path, _columns(maps, map_file)), rig, json_path)
 
 
 @gap_app.command("diagnose")
@@ -340,6 +430,9 @@ def gap_diagnose(
     ] = None,
     from_s: FromS = None,
     to_s: ToS = None,
+    as_is: AsIs = False,
+    maps: Maps = None,
+    map_file: MapFile = None,
 ) -> None:
     """Find where logs and simulation differ, which effect the simulation lacks, and how much that
     effect reduces the gap.
@@ -348,7 +441,8 @@ def gap_diagnose(
     from vgroove.gap.command import OutputPaths, diagnose_files
 
     outputs = OutputPaths(json_path, html_path, out_rig)
-    options = DiagnosisOptions(seed, tuple(without or ()), from_s=from_s, to_s=to_s)
+    columns, ids = _columns(maps, map_file), tuple(without or ())
+    options = DiagnosisOptions(seed, ids, from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
     diagnose_files(logs, rig, outputs, options)
 
 

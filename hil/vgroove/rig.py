@@ -217,11 +217,10 @@ def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
     _no_unknown(data, ("schema", "name", *SECTIONS, *KINDS, "tolerance", "effects"), source, "")
     if not isinstance(data.get("name", ""), str):
         raise VgrooveError(f"{source}: name must be a text")
-    for section in REQUIRED_SECTIONS:
-        if section not in data:
-            raise VgrooveError(f"{source}: the section [{section}] is missing")
+    sections = _sections(data, source)
+    _check_missing(data, source)
     rig = Rig(
-        **_sections(data, source),
+        **sections,
         tolerance=_table(data.get("tolerance", {}), source, "tolerance"),
         name=data.get("name"),
     )
@@ -233,13 +232,28 @@ def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
 def _sections(data: Mapping[str, Any], source: str) -> dict[str, dict[str, Any]]:
     """Every section of a rig but [tolerance], each key checked on its own."""
     sections = {s: _section(data[s], keys, source, s) for s, keys in SECTIONS.items() if s in data}
-    sections |= {s: _kind_section(data[s], kinds, source, s) for s, kinds in KINDS.items()}
+    kinds = {s: KINDS[s] for s in KINDS if s in data}
+    sections |= {s: _kind_section(data[s], of, source, s) for s, of in kinds.items()}
     effects = _table(data.get("effects", {}), source, "effects")
     _no_unknown(effects, EFFECTS, source, "effects.")
     sections["effects"] = {
         e: _section(values, EFFECTS[e], source, f"effects.{e}") for e, values in effects.items()
     }
     return sections
+
+
+def _check_missing(data: Mapping[str, Any], source: str) -> None:
+    """VgrooveError that names all sections and keys that a rig lacks."""
+    missing = [f"the section [{s}]" for s in REQUIRED_SECTIONS if s not in data]
+    needed = {s: keys for s, keys in SECTIONS.items() if s in data}
+    needed |= {s: KINDS[s][data[s]["kind"]] for s in KINDS if s in data}
+    needed |= {f"effects.{e}": EFFECTS[e] for e in data.get("effects", {})}
+    for where, keys in needed.items():
+        given = data["effects"][where[8:]] if where.startswith("effects.") else data[where]
+        missing += [f"{where}.{k}" for k, key in keys.items() if key.needed and k not in given]
+    if missing:
+        verb = "is" if len(missing) == 1 else "are"
+        raise VgrooveError(f"{source}: {', '.join(missing)} {verb} missing")
 
 
 def _table(values: Any, source: str, where: str) -> dict[str, Any]:
@@ -265,8 +279,6 @@ def _section(values: Any, keys: Mapping[str, Key], source: str, where: str) -> d
     values = _table(values, source, where)
     _no_unknown(values, keys, source, where + ".")
     for name, key in keys.items():
-        if name not in values and key.needed:
-            raise VgrooveError(f"{source}: {where}.{name} is missing")
         if name in values and not key.holds(values[name]):
             raise VgrooveError(
                 f"{source}: {where}.{name} must be {key.words}, not {values[name]!r}"

@@ -9,6 +9,8 @@ from made_log import MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.restarts import RESTART, restart_interval_s
+from vgroove.gap.selection.parameter_estimate import ParameterEstimate
+from vgroove.gap.verdict.row_delay import row_delay_remarks
 from vgroove.rig import Rig, rig_from_dict
 from vgroove.units import RAD_S_PER_RPM
 
@@ -107,3 +109,30 @@ def test_the_first_command_of_instants_holds_from_the_start() -> None:
     plain = load_problem([log], slow_tool()).runs[0].driving.command
     np.testing.assert_allclose(command[1:], plain[:-1], atol=0.02)
     assert command[0] == pytest.approx(plain[0], abs=1e-6)
+
+
+def test_an_open_bridge_of_instants_is_shifted_with_the_command() -> None:
+    log = slow_log(0.02)
+    log.columns["coast"] = (np.arange(ROWS) >= 100).astype(float)
+    closed = load_problem([log], slow_tool("after")).runs[0].bridge_closed
+    assert closed[100] and not closed[101]
+    assert not load_problem([log], slow_tool()).runs[0].bridge_closed[100]
+
+
+@pytest.mark.parametrize(
+    ("value", "interval", "after", "said"),
+    [
+        (0.0011, (0.0009, 0.0013), False, True),
+        (0.0011, (0.00105, 0.0013), False, False),
+        (0.0011, (0.0009, 0.0013), True, False),
+        (0.00105, None, False, True),
+        (0.00115, None, False, False),
+    ],
+)
+def test_a_delay_of_one_row_is_remarked_with_what_to_put_into_the_rig(
+    value: float, interval: tuple[float, float] | None, after: bool, said: bool
+) -> None:
+    fitted = {"transport_delay": {"delay_s": ParameterEstimate(value, interval, "s")}}
+    remarks = row_delay_remarks(fitted, 0.001, after)
+    assert bool(remarks) == said and all('hold = "after"' in remark for remark in remarks)
+    assert row_delay_remarks({}, 0.001, False) == []

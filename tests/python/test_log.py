@@ -218,10 +218,6 @@ def test_rejects_an_unknown_ending_and_a_missing_file(tmp_path: Path) -> None:
     refused(tmp_path / "dir.csv", "directory")
 
 
-def test_rejects_columns_separated_by_semicolons(tmp_path: Path) -> None:
-    refused(written(tmp_path / "a.csv", [line.replace(",", ";") for line in csv_lines()]), "commas")
-
-
 def test_warns_of_a_duty_in_percent(tmp_path: Path) -> None:
     lines = csv_lines()
     log = read_log(
@@ -511,7 +507,7 @@ def test_an_mf4_with_channels_named_as_log_columns_is_read(tmp_path: Path) -> No
             lambda s, t: (s, np.where(np.arange(200) == 7, t[6], t)),
             ("sample 8", "time_s", "does not increase"),
         ),
-        (lambda s, t: ({"x": s["duty"]}, t), ("time_s", "missing")),
+        (lambda s, t: ({"x": s["duty"]}, t), ("missing", "one input of duty", "of the file are x")),
     ],
 )
 def test_rejects_in_an_mf4_what_it_rejects_in_a_csv(

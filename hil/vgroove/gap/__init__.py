@@ -13,7 +13,6 @@ In a notebook a verdict shows its page. Importing this package loads no numerica
 vgroove.rig, whose keys come from vgroove.gap.catalogue: diagnose() imports the stages.
 """
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from vgroove.gap.result import Verdict
@@ -59,17 +58,17 @@ __all__ = [
 DEFAULT_OPTIONS = DiagnosisOptions()
 
 
-def diagnose(
-    logs: Sequence[Any], rig: "Rig", options: DiagnosisOptions = DEFAULT_OPTIONS
-) -> Verdict:
-    """Diagnose logs (paths or vgroove.log.Log objects) of one tool against its rig: none, effect,
-    partial, ambiguous or unlisted.
+def diagnose(logs: Any, rig: "Rig", options: DiagnosisOptions = DEFAULT_OPTIONS) -> Verdict:
+    """Diagnose one log of a tool, or a list of them, against its rig: none, effect, partial,
+    ambiguous or unlisted. A log is a path, a vgroove.log.Log, a DataFrame or a dict of arrays
+    (docs/input_format.md).
 
     VgrooveError for unusable logs, a rig that cannot be simulated, or an unknown excluded effect.
     """
     from vgroove.gap import stages
+    from vgroove.log import as_list
 
-    problem = stages.load(logs, rig, options)
+    problem = stages.load(as_list(logs), rig, options)
     search = stages.begin_search(problem, options)
     selection = stages.select(search)
     located = stages.locate_remainder(selection)

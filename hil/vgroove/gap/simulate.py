@@ -11,6 +11,7 @@ from rich.table import Table
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.long_logs import is_thinned
+from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 from vgroove.log import Log, write_csv
@@ -21,13 +22,16 @@ SCHEMA = "vgroove.sim/1"
 
 
 def compute_gap(
-    rig: Rig, logs: Sequence[Any], restart_s: float = 0.25
+    rig: Rig, logs: Sequence[Any], restart_s: float = 0.25, as_is: bool = True
 ) -> tuple[dict[str, Any], Problem]:
     """Gap of a rig to logs (docs/spec/gap.md, section 5) as JSON-ready figures, and the problem
     behind them. restart_s: interval in s at which the model restarts from measured states.
     Residuals are clipped as the rig's table [clip] states, else as computed from this rig.
+    VgrooveError, unless as_is, where a column compares no sample.
     """
     problem = load_problem(logs, rig, restart_s=restart_s, stated_clip=True)
+    if not as_is:
+        refuse_uncompared(problem)
     residual = problem.residuals(problem.theta0)[0]
     figures = {
         "schema": SCHEMA,

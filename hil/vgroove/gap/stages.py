@@ -11,8 +11,10 @@ from vgroove.gap.catalogue import BY_ID, CATALOGUE, available
 from vgroove.gap.cleaning.time_range import TimeRange
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.log_check import checked_logs
+from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.next_run import experiment_design
-from vgroove.gap.residual.loading import load_problem, read
+from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.result import Evidence, Verdict
 from vgroove.gap.selection.comparison import begin_in_better_comparison
@@ -28,7 +30,9 @@ from vgroove.gap.verdict.effect_findings import effect_findings, indistinguishab
 from vgroove.gap.verdict.gap_figures import gap_figures
 from vgroove.gap.verdict.location import largest_share, regime_shares, shapley_shares
 from vgroove.gap.verdict.remainder import Remainder, correlate_shares, remaining, unexplained
+from vgroove.gap.verdict.row_delay import row_delay_remarks, row_interval_s
 from vgroove.gap.verdict.schema import NextExperiment, Where
+from vgroove.log import NO_MAP, as_log
 from vgroove.rig import Rig
 
 __all__ = [
@@ -39,6 +43,7 @@ __all__ = [
     "locate_gap",
     "locate_remainder",
     "propose",
+    "read_logs",
     "select",
     "state_verdict",
 ]
@@ -86,8 +91,18 @@ def load(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> Problem:
             raise VgrooveError(
                 f"--without: {name} is not in the catalogue of this diagnosis ({known})"
             )
+    problem = load_problem(read_logs(logs, rig, options), rig)
+    if not options.as_is:
+        refuse_uncompared(problem)
+    return problem
+
+
+def read_logs(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> list[Any]:
+    """The logs within the range of the options, checked; VgrooveError for unusable ones."""
     time_range = TimeRange(options.from_s, options.to_s)
-    return load_problem([time_range.select(read(log)) for log in logs], rig)
+    columns = options.columns or NO_MAP
+    tables = [time_range.select(as_log(log, columns)) for log in logs]
+    return checked_logs(tables, rig, options.as_is)
 
 
 def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
@@ -146,16 +161,20 @@ def state_verdict(
     search, finding = decided.located.search, decided.finding
     problem = decided.located.simulated
     rivals = indistinguishable(search, finding, log_flags(problem))
+    names, effects = selected(search, finding), effect_findings(search, finding, estimated)
+    fitted = {effect.id: effect.parameters for effect in effects if effect.id in names}
+    holds_after = problem.rig.command_holds_after
+    remarks = row_delay_remarks(fitted, row_interval_s(problem), holds_after)
     return Verdict(
         verdict=finding.verdict,
-        selected=selected(search, finding),
+        selected=names,
         gap=gap_figures(search, decided.reported, estimated),
         where=where,
-        effects=effect_findings(search, finding, estimated),
+        effects=effects,
         indistinguishable=[r for r in rivals if r.id not in search.without],
         retuned_parameters=estimated.retuned_parameters(),
         next_experiment=next_run,
         unexplained=unexplained(search, finding.remainder),
-        warnings=list(problem.warnings),
+        warnings=[*problem.warnings, *remarks],
         evidence=Evidence(problem, search, estimated),
     )

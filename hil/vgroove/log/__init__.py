@@ -9,22 +9,35 @@ from pathlib import Path
 
 from vgroove.errors import VgrooveError
 from vgroove.log.can_files import read_asc, read_blf, read_mf4
+from vgroove.log.column_map import NO_MAP, ColumnMap, column_map
 from vgroove.log.csv_file import csv_header, csv_rows, read_csv, write_csv
 from vgroove.log.frames import log_from_session, log_from_stream
+from vgroove.log.mat_file import read_mat
+from vgroove.log.parquet_file import read_parquet
 from vgroove.log.table import (
     COLUMN_LABELS,
     COLUMN_UNITS,
+    INPUTS,
+    MEASURED,
     MIN_USABLE_SAMPLES,
     Log,
     current_is_unsigned,
 )
+from vgroove.log.tables import as_list, as_log
 
 __all__ = [
     "COLUMN_LABELS",
     "COLUMN_UNITS",
+    "INPUTS",
     "LOG_ENDINGS",
+    "MEASURED",
     "MIN_USABLE_SAMPLES",
+    "NO_MAP",
+    "ColumnMap",
     "Log",
+    "as_list",
+    "as_log",
+    "column_map",
     "csv_header",
     "csv_rows",
     "current_is_unsigned",
@@ -34,36 +47,51 @@ __all__ = [
     "write_csv",
 ]
 
-READERS: dict[str, Callable[[Path], Log]] = {
+READERS: dict[str, Callable[[Path, ColumnMap], Log]] = {
     ".csv": read_csv,
+    ".csv.gz": read_csv,
     ".mf4": read_mf4,
     ".blf": read_blf,
     ".asc": read_asc,
+    ".mat": read_mat,
+    ".parquet": read_parquet,
 }
-LOG_ENDINGS = tuple(READERS)
+LOG_ENDINGS = (".csv", ".mf4", ".blf", ".asc")  # that a recording can be written as
 HEAD_BYTES = 4096  # that are compared with the ending
-_MAGIC = {".mf4": b"MDF ", ".blf": b"LOGG"}
+_MAGIC = {
+    ".mf4": b"MDF ",
+    ".blf": b"LOGG",
+    ".csv.gz": b"\x1f\x8b",
+    ".mat": b"MATLAB ",
+    ".parquet": b"PAR1",
+}
 
 
-def read_log(path: str | os.PathLike[str]) -> Log:
-    """Read and check a CSV, MF4, BLF or ASC log.
+def read_log(path: str | os.PathLike[str], columns: ColumnMap = NO_MAP) -> Log:
+    """Read and check a log in one of the formats of docs/input_format.md; `columns` says which
+    column of the file is which column of the log, beside those of the same name.
 
     VgrooveError with file, line and column for everything that docs/spec/gap.md, section 1 rejects.
     """
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise VgrooveError(f"{path}: a log ends in .csv, .mf4, .blf or .asc.")
+    ending = _ending(path)
+    if ending is None:
+        *most, last = READERS
+        raise VgrooveError(f"{path}: a log ends in {', '.join(most)} or {last}.")
     try:
-        _check_ending(path)
-        return reader(path)
+        _check_ending(path, ending)
+        return READERS[ending](path, columns)
     except OSError as error:
         raise VgrooveError(f"{path}: cannot be read: {error.strerror or error}.") from error
 
 
-def _check_ending(path: Path) -> None:
+def _ending(path: Path) -> str | None:
+    """The ending of a log file; None for another one."""
+    return next((ending for ending in READERS if path.name.lower().endswith(ending)), None)
+
+
+def _check_ending(path: Path, ending: str) -> None:
     """VgrooveError unless the first bytes are those of the kind that the ending names."""
-    ending = path.suffix.lower()
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     wrong = _wrong_kind(ending, head)

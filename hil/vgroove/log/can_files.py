@@ -1,4 +1,4 @@
-"""BLF, ASC and MF4 logs: recorded CAN frames, or (MF4) one channel a column."""
+"""BLF, ASC and MF4 logs: recorded CAN frames, or (MF4) channels."""
 
 import io
 import re
@@ -8,18 +8,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
+from vgroove.log.column_map import NO_MAP, ColumnMap
 from vgroove.log.frames import log_from_session
-from vgroove.log.table import COLUMN_UNITS, Log, check_columns, checked
+from vgroove.log.mf4_channels import log_from_channels
+from vgroove.log.raw_columns import mapped
+from vgroove.log.table import Log, checked
 
 QUARTER_HOUR_MS = 15 * 60 * 1000  # time zones differ by multiples of it
 TIME_ZONES = range(-56, 57)  # -14 h to +14 h in quarters of an hour
 
 
-def read_blf(path: Path) -> Log:
+def read_blf(path: Path, columns: ColumnMap = NO_MAP) -> Log:
     """Read a BLF recording; VgrooveError where it is damaged or holds no telemetry."""
     from can.io import BLFReader
 
@@ -32,10 +33,10 @@ def read_blf(path: Path) -> Log:
         size = path.stat().st_size
         if reader.file_size not in (0, size) and size < reader.file_size:
             raise ValueError(f"its header states {reader.file_size} bytes, it has {size}")
-    return _log_from_messages(path, messages)
+    return mapped(_log_from_messages(path, messages), columns)
 
 
-def read_asc(path: Path) -> Log:
+def read_asc(path: Path, columns: ColumnMap = NO_MAP) -> Log:
     """Read an ASC recording; VgrooveError where it is damaged or holds no telemetry."""
     from can.io import ASCReader
 
@@ -45,17 +46,17 @@ def read_asc(path: Path) -> Log:
             raise ValueError("its end is missing")
         with ASCReader(io.StringIO(text), relative_timestamp=True) as reader:
             messages = list(reader)
-    return _log_from_messages(path, messages, _asc_offsets(text))
+    return mapped(_log_from_messages(path, messages, _asc_offsets(text)), columns)
 
 
-def read_mf4(path: Path) -> Log:
+def read_mf4(path: Path, columns: ColumnMap = NO_MAP) -> Log:
     """Read an MF4 file of CAN frames or of channels; VgrooveError where it is damaged."""
     from asammdf import MDF
 
     with _named_damage(path, "MF4"), MDF(str(path)) as mdf:
         if "CAN_DataFrame" in mdf.channels_db:
-            return _log_from_messages(path, _mf4_messages(path))
-        return _mf4_channels(path, mdf)
+            return mapped(_log_from_messages(path, _mf4_messages(path)), columns)
+        return log_from_channels(path, mdf, columns)
 
 
 @contextmanager
@@ -148,28 +149,3 @@ def _mf4_messages(path: Path) -> list[Any]:
 
     with MF4Reader(path) as reader:
         return list(reader)
-
-
-def _mf4_channels(path: Path, mdf: Any) -> Log:
-    """Channels with the names of log columns, on the time base of the channel group that holds most
-    of them.
-    """
-    places = {name: mdf.channels_db[name] for name in COLUMN_UNITS if name in mdf.channels_db}
-    groups = [group for entries in places.values() for group, _ in entries]
-    check_columns(str(path), {"time_s", *places} if groups else set())
-    base = max(set(groups), key=groups.count)
-    log = Log(np.asarray(mdf.get_master(base), float), {}, str(path))
-    for name, entries in places.items():
-        own = next((entry for entry in entries if entry[0] == base), None)
-        if own is None:
-            log.warnings.append(f"{path}: the channel {name} has another time base and is ignored.")
-            continue
-        samples = mdf.get(name, *own).samples
-        if samples.dtype.kind not in "biuf":
-            raise VgrooveError(f"{path}: column {name}: its samples are not numbers.")
-        log.columns[name] = samples.astype(float)
-    known = {*COLUMN_UNITS, "time_s", "time", "t"}
-    unknown = [name for name in mdf.channels_db if name not in known]
-    log.warnings += [f"{path}: the unknown column {name} is ignored." for name in unknown]
-    check_columns(str(path), {"time_s", *log.columns})
-    return checked(log)

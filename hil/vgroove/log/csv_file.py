@@ -1,49 +1,80 @@
-"""CSV logs: a header with column names, a row a sample, empty cells or NaN for missing samples."""
+"""CSV logs: a header with column names, a row a sample, empty cells or NaN for missing samples.
+Separator, decimal comma, comments and index columns are recognised (docs/input_format.md).
+"""
 
 import codecs
 import csv
+import gzip
 import os
-import re
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, islice
+from io import TextIOWrapper
+from itertools import chain, islice, repeat
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.log.table import COLUMN_UNITS, Log, check_columns, checked
+from vgroove.log.column_map import NO_MAP, ColumnMap, Place
+from vgroove.log.csv_dialect import Dialect, detect_dialect, is_comment, is_number, with_point
+from vgroove.log.raw_columns import factor_of
+from vgroove.log.table import Log, check_columns, checked
 from vgroove.output import write_bytes
 
 CHUNK_LINES = 100_000  # lines that are converted at once: some 10 MB of text
 BLOCK_BYTES = 1 << 20  # that are checked at once
 
 
-def read_csv(path: Path) -> Log:
-    """Read and check a CSV log; VgrooveError with file, line and column.
+def read_csv(path: Path, columns: ColumnMap = NO_MAP) -> Log:
+    """Read and check a CSV log, compressed where its name ends in .gz; VgrooveError with file, line
+    and column.
 
     The rows are converted in chunks: the text of the whole file would take many times the memory
     of its numbers.
     """
+    try:
+        return _read(path, columns)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise VgrooveError(f"{path}: is a damaged or truncated gzip file: {error}.") from error
+
+
+def _open(path: Path) -> IO[bytes]:
+    return gzip.open(path, "rb") if path.suffix.lower() == ".gz" else path.open("rb")
+
+
+def _text(path: Path) -> TextIOWrapper:
+    return TextIOWrapper(_open(path), encoding="utf-8-sig", newline="")
+
+
+def _read(path: Path, columns: ColumnMap) -> Log:
     most = _count_lines(path)
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = _Rows(path, file)
-        warnings = _check_header(path, rows.header)
-        known = [k for k, name in enumerate(rows.header) if name in ("time_s", *COLUMN_UNITS)]
-        # one array for all rows: joining the chunks at the end would take the memory twice
-        lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
-        for chunk in rows.chunks(known):
+    with _text(path) as file:
+        dialect = detect_dialect(file)
+    if dialect is None:
+        raise VgrooveError(f"{path}: line 1: no header: the file is empty.")
+    places, warnings = _check_header(path, dialect, columns)
+    known = [dialect.header.index(place.name) for place in places.values()]
+    # one array for all rows: joining the chunks at the end would take the memory twice
+    lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
+    with _text(path) as file:
+        for chunk in _Rows(path, file, dialect).chunks(known):
             part = slice(count, count := count + len(chunk.lines))
             lines[part], table[:, part] = chunk.lines, chunk.values
-    columns = {rows.header[k]: table[n, :count] for n, k in enumerate(known)}
-    time_s = columns.pop("time_s")
-    return checked(Log(time_s, columns, str(path), warnings), lines[:count])
+    found = {}
+    for n, (column, place) in enumerate(places.items()):
+        unit = dialect.units[known[n]] if dialect.units else ""
+        factor = factor_of(place, column, unit, warnings, str(path))
+        found[column] = table[n, :count] * factor if factor != 1.0 else table[n, :count]
+    time_s = found.pop("time_s")
+    return checked(Log(time_s, found, str(path), warnings), lines[:count])
 
 
 def _count_lines(path: Path) -> int:
     """A number that the file has at most as lines; VgrooveError unless it is UTF-8."""
     decoder, done, ends = codecs.getincrementaldecoder("utf-8")(), 0, 0
-    with path.open("rb") as file:
+    with _open(path) as file:
         while True:
             block, (pending, _) = file.read(BLOCK_BYTES), decoder.getstate()
             try:
@@ -68,18 +99,13 @@ class _Chunk:
 
 
 class _Rows:
-    """The rows of an open file (newline=""), read in chunks of CHUNK_LINES lines; `header`: the
-    column names. VgrooveError for a file without header.
-    """
+    """The rows of an open file (newline="") of a dialect, read in chunks of CHUNK_LINES lines."""
 
-    def __init__(self, path: Path, file: Iterable[str]) -> None:
-        self._path, self._file, self._line = path, iter(file), 0
-        self.header = [cell.strip() for cell in self._first()]
-
-    def _first(self) -> list[str]:
-        for _, row in self._split([]):
-            return row
-        raise VgrooveError(f"{self._path}: line 1: no header: the file is empty.")
+    def __init__(self, path: Path, file: Iterable[str], dialect: Dialect) -> None:
+        self._path, self._file, self._line = path, iter(file), dialect.skipped
+        self.header, self._delimiter = dialect.header, dialect.delimiter
+        for _ in range(dialect.skipped):
+            next(self._file)
 
     def chunks(self, known: Sequence[int]) -> Iterator[_Chunk]:
         """The rows, with the columns of these indices."""
@@ -90,11 +116,15 @@ class _Rows:
         """The rows of these lines by the reader of numpy; None where one is blank, holds a quote,
         another number of cells, or a cell that is no finite number.
         """
-        commas = len(self.header) - 1
-        if any(line.count(",") != commas or '"' in line for line in lines):
+        delimiter, text = self._delimiter, "".join(lines)
+        if '"' in text or "_" in text:
             return None
+        if set(map(str.count, lines, repeat(delimiter))) != {len(self.header) - 1}:
+            return None
+        if delimiter != "," and "," in text:
+            lines = [with_point(line) for line in lines]
         try:
-            values = np.loadtxt(lines, delimiter=",", comments=None, usecols=known, ndmin=2)
+            values = np.loadtxt(lines, delimiter=delimiter, comments=None, usecols=known, ndmin=2)
         except ValueError:
             return None
         if len(values) != len(lines) or np.isinf(values).any():
@@ -108,10 +138,7 @@ class _Rows:
         numbers, rows = [], []
         for line, row in self._split(lines):
             if len(row) != len(self.header):
-                raise VgrooveError(
-                    f"{self._path}: line {line}: has {len(row)} cells, the header has "
-                    f"{len(self.header)} columns."
-                )
+                raise VgrooveError(self._wrong_count(line, row))
             numbers.append(line)
             rows.append(row)
         cells = list(zip(*rows, strict=True)) or [()] * len(self.header)
@@ -119,55 +146,63 @@ class _Rows:
         values = np.array([reader.numbers(self.header[k], cells[k]) for k in known])
         return _Chunk(np.array(numbers, int), values)
 
+    def _wrong_count(self, line: int, row: list[str]) -> str:
+        """The message for a row with another number of cells than the header."""
+        decimal = len(row) > len(self.header) and self._delimiter == ","
+        decimal = decimal and all(cell.strip().lstrip("+-").isdigit() for cell in row)
+        why = (
+            " Numbers with a decimal comma need another separator: write the file with semicolons "
+            "or tabs."
+        )
+        return (
+            f"{self._path}: line {line}: has {len(row)} cells, the header has {len(self.header)} "
+            f"columns.{why if decimal else ''}"
+        )
+
     def _split(self, lines: list[str]) -> Iterator[tuple[int, list[str]]]:
-        """Line number and cells of each row that is not blank and begins in these lines (none: in
-        the file); a quoted cell may go on in the lines that follow.
+        """Line number and cells of each row that is neither blank nor a comment and begins in these
+        lines; a quoted cell may go on in the lines that follow.
         """
-        reader = csv.reader(chain(lines, self._file), strict=True)
+        reader = csv.reader(chain(lines, self._file), strict=True, delimiter=self._delimiter)
         before = self._line
         try:
-            while not lines or reader.line_num < len(lines):
+            while reader.line_num < len(lines):
                 row = next(reader, None)
                 self._line = before + reader.line_num
                 if row is None:
                     return
-                if row:
+                if any(cell.strip() for cell in row) and not is_comment(row[0]):
                     yield self._line, row
         except csv.Error as error:
             line = before + reader.line_num
             raise VgrooveError(f"{self._path}: line {line}: is not CSV: {error}.") from error
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _check_header(path: Path, header: list[str]) -> list[str]:
-    """Warnings for columns that are ignored; VgrooveError unless the header names the time, an
-    input and another measured signal, each once.
+def _check_header(
+    path: Path, dialect: Dialect, columns: ColumnMap
+) -> tuple[dict[str, Place], list[str]]:
+    """The place of each log column, and warnings for columns that are ignored; VgrooveError unless
+    the header names the time, an input and another measured signal, each once.
     """
-    if any(_is_number(name) for name in header):
-        number = next(k for k, name in enumerate(header) if _is_number(name))
+    header, where = dialect.header, f"{path}: line {dialect.header_line}"
+    if any(map(is_number, header)):
+        number = next(k for k, name in enumerate(header) if is_number(name))
         raise VgrooveError(
-            f"{path}: line 1, column {number + 1}: no header: {header[number]} is a number, "
-            "not a name."
+            f"{where}, column {number + 1}: no header: {header[number]} is a number, not a name."
         )
-    if len(header) == 1 and re.search(r"[;\t]", header[0]):
-        raise VgrooveError(f"{path}: line 1: columns must be separated by commas.")
-    for name in header:
-        if name and header.count(name) > 1:
-            raise VgrooveError(
-                f"{path}: line 1: the column {name} appears {header.count(name)} times."
-            )
-    check_columns(str(path), header)
-    return [
-        f"{path}: line 1: the unknown column {name or '(no name)'} is ignored."
-        for name in header
-        if name not in (*COLUMN_UNITS, "time_s")
+    places = columns.places(where, header)
+    used = {place.name for place in places.values()}
+    for name in used:
+        if header.count(name) > 1:
+            raise VgrooveError(f"{where}: the column {name} appears {header.count(name)} times.")
+    unknown = [name for name in header if name not in used]
+    if len(header) == 1:
+        raise VgrooveError(
+            f"{where}: one column only: columns are separated by commas, semicolons or tabs."
+        )
+    check_columns(where, places, unknown)
+    return places, [
+        f"{where}: the unknown column {name or '(no name)'} is ignored." for name in unknown
     ]
 
 
@@ -184,7 +219,7 @@ class _CellReader:
         try:
             if any("_" in cell for cell in cells):
                 raise ValueError  # float() would accept 1_0 as 10
-            values = np.fromiter(map(float, cells), float, len(cells))
+            values = np.fromiter(map(float, map(with_point, cells)), float, len(cells))
         except ValueError:
             rows = zip(self._lines, cells, strict=True)
             values = np.array([self._number(name, line, cell) for line, cell in rows], float)
@@ -198,10 +233,10 @@ class _CellReader:
     def _number(self, name: str, line: int, cell: str) -> float:
         if not cell.strip():
             return float("nan")
-        if "_" in cell or not _is_number(cell):
+        if "_" in cell or not is_number(cell):
             place = f"{self._path}: line {line}, column {name}"
             raise VgrooveError(f"{place}: {cell!r} is not a number.")
-        return float(cell)
+        return float(with_point(cell))
 
 
 def csv_header(names: Iterable[str]) -> bytes:

@@ -84,19 +84,25 @@ class Log:
                 raise VgrooveError(f"{self.source}: the column {name} is missing.")
 
 
-def check_columns(source: str, names: Iterable[str]) -> None:
-    """VgrooveError unless the names include the time, an input and another measured signal."""
-    names = set(names)
-    if "time_s" not in names:
-        raise VgrooveError(f"{source}: line 1: the required column time_s is missing.")
-    if not names & set(INPUTS):
+def check_columns(source: str, found: Iterable[str], others: Iterable[str] = ()) -> None:
+    """VgrooveError unless the log columns `found` include the time, an input and another measured
+    signal; `others` are the further names of the file, of which the message lists the nearest.
+    """
+    from vgroove.log.nearest import hint
+
+    found = set(found)
+    if "time_s" not in found:
+        missing = hint(("time_s",), others)
+        raise VgrooveError(f"{source}: the required column time_s is missing.{missing}")
+    if not found & set(INPUTS):
         raise VgrooveError(
-            f"{source}: line 1: a required column is missing: one input of {', '.join(INPUTS)}."
+            f"{source}: a required column is missing: one input of {', '.join(INPUTS)}."
+            f"{hint(INPUTS, others)}"
         )
-    if not any(names & (set(MEASURED) - {given}) for given in names & set(INPUTS)):
+    if not any(found & (set(MEASURED) - {given}) for given in found & set(INPUTS)):
         raise VgrooveError(
-            f"{source}: line 1: a required column is missing: a measured signal besides the input, "
-            "such as speed_rpm."
+            f"{source}: a required column is missing: a measured signal besides the input, "
+            f"such as speed_rpm.{hint(('speed_rpm', 'current_a', *MEASURED), others)}"
         )
 
 

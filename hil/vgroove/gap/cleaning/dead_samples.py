@@ -9,7 +9,7 @@ that repeats itself while nothing else moves.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+import scipy  # its parts load when they are first used
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.long_logs import is_thinned
@@ -180,9 +180,9 @@ def spikes(column: _Column) -> np.ndarray:
     around = windows[:, [0, 1, 3, 4]]
     far = np.abs(whole - np.median(around, axis=1)) > limit
     held = hold_last_value(command)
-    moved = maximum_filter1d(held, LIMITS.constant_rows) - minimum_filter1d(
+    moved = scipy.ndimage.maximum_filter1d(
         held, LIMITS.constant_rows
-    )
+    ) - scipy.ndimage.minimum_filter1d(held, LIMITS.constant_rows)
     constant = moved <= LIMITS.constant_share * np.ptp(held)
     agree = np.ptp(around, axis=1) < LIMITS.spike_neighbours * limit
     out = far & agree & constant & np.isfinite(values)

@@ -3,10 +3,11 @@ where the rig states none; never from a model's residual.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from vgroove.rig import Rig
 
@@ -45,14 +46,12 @@ class ResolutionLimits:
 LIMITS = ResolutionLimits()
 
 
-def residual_power_share(window: int, order: int) -> float:
+@cache
+def residual_power_share(window: int = FILTER_ROWS, order: int = FILTER_ORDER) -> float:
     """Share of the power of white noise in the residual of a Savitzky-Golay filter of this window,
     samples, and order.
     """
-    return 1.0 - float(savgol_coeffs(window, order)[window // 2])
-
-
-RESIDUAL_POWER_SHARE = residual_power_share(FILTER_ROWS, FILTER_ORDER)
+    return 1.0 - float(scipy.signal.savgol_coeffs(window, order)[window // 2])
 
 
 def high_frequency_sigma(values: np.ndarray) -> float:
@@ -65,7 +64,7 @@ def high_frequency_sigma(values: np.ndarray) -> float:
     sigma = typical_sigma(finite)
     if sigma > 0.0:
         return sigma
-    return float(high_pass_residual(finite).std() / np.sqrt(RESIDUAL_POWER_SHARE))
+    return float(high_pass_residual(finite).std() / np.sqrt(residual_power_share()))
 
 
 def typical_sigma(values: np.ndarray) -> float:
@@ -107,7 +106,7 @@ def high_pass_residual(
     values: np.ndarray, window: int = FILTER_ROWS, order: int = FILTER_ORDER
 ) -> np.ndarray:
     """Difference (n,) of a column and its Savitzky-Golay filter: noise and rounding."""
-    return values - savgol_filter(values, window, order)
+    return values - scipy.signal.savgol_filter(values, window, order)
 
 
 def divided_differences(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy  # its parts load when they are first used
 
 from vgroove.gap.hall_edges.chain import EdgeChain, consistent_pieces
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
@@ -37,7 +37,7 @@ def longest_chain(
     chains = list(RowReader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).chains_in_order())
     longest = max(chains, key=lambda one: one.offset_s[-1])
     offset, (low, high, _) = np.asarray(longest.offset_s), longest.bounds()
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         # largest violation; convex, since it is a maximum of functions linear in the stretch
         lambda stretch: np.max(low - stretch * offset) - np.min(high - stretch * offset),
         method="bounded",

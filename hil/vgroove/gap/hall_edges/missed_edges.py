@@ -5,7 +5,7 @@ the periods beside them show no such drop of the speed.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy  # its parts load when they are first used
 
 from vgroove.gap.hall_edges.edge_periods import EdgePeriods
 
@@ -100,7 +100,7 @@ def widen_beside_missed(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     """
     near = missed > 0
     if len(missed):
-        near = maximum_filter1d(missed, 2 * LIMITS.shifted_periods + 1) > 0
+        near = scipy.ndimage.maximum_filter1d(missed, 2 * LIMITS.shifted_periods + 1) > 0
     half_pitch_s = 0.5 * (edges.end_s - edges.start_s) / (1.0 + missed)
     return replace(edges, slack_s=edges.slack_s + np.where(near, half_pitch_s, 0.0))
 

@@ -5,7 +5,7 @@ when it began and ended.
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy  # its parts load when they are first used
 
 from vgroove.gap.hall_edges.chain import EdgeChain, consistent_pieces, edge_times
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
@@ -141,11 +141,13 @@ def _locate(column: _SpeedColumn, chain: EdgeChain) -> tuple[EdgeChain, _Located
     if column.counts:
         hidden = np.full(len(hidden), hidden.any())
     else:
-        hidden = maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
+        hidden = scipy.ndimage.maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
         if hidden.any():
             several = chain.hides_edges(column.time_s, ONE_EDGE_ROWS)
             chain = chain.with_timeouts(hidden & several, column.pulses)
-            hidden = maximum_filter1d(chain.hides_edges(column.time_s), 2 * BESIDE_HIDDEN + 1)
+            hidden = scipy.ndimage.maximum_filter1d(
+                chain.hides_edges(column.time_s), 2 * BESIDE_HIDDEN + 1
+            )
     cuts = [0, *(np.flatnonzero(np.diff(hidden)) + 1), len(hidden)]
     parts = [
         _locate_part(column, chain.part(a, b), bool(hidden[a]))

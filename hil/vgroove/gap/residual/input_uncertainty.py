@@ -6,17 +6,16 @@ columns are measured and rounded (an errors-in-variables model: Fuller, Measurem
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
-from scipy.signal import lfilter
+import scipy  # its parts load when they are first used
 
 from vgroove.gap.cleaning.denoised_command import DenoisedCommand
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import (
     FILTER_ROWS,
-    RESIDUAL_POWER_SHARE,
     column_sigma,
     decimal_resolution,
     high_pass_residual,
+    residual_power_share,
     resolution_of,
 )
 from vgroove.rig import Rig
@@ -186,7 +185,7 @@ def ramp_sigma(
         [np.roll(expected, lag)[rows] for lag in range(ROUNDING.max_lag_rows)], axis=1
     )
     fast = high_pass_residual(interpolate_missing(time_s, current_a))[rows]
-    noise = RESIDUAL_POWER_SHARE * column_sigma(rig, "current_a", current_a) ** 2
+    noise = residual_power_share() * column_sigma(rig, "current_a", current_a) ** 2
     return rounded * float(np.sqrt(rounding_share(lagged, fast, noise)))
 
 
@@ -200,7 +199,7 @@ def rounding_share(lagged: np.ndarray, fast: np.ndarray, noise: float) -> float:
     """
     lags = ROUNDING.max_lag_rows
     power = max(float(np.mean(lagged[:, 0] ** 2)), ROUNDING.min_power)
-    freedom = RESIDUAL_POWER_SHARE * (len(fast) - lags)
+    freedom = residual_power_share() * (len(fast) - lags)
     follows = lagged @ np.linalg.lstsq(lagged, fast, rcond=None)[0]
     spread = float(np.sum((fast - follows) ** 2)) / (len(fast) - lags)
     share = np.sqrt(max(0.0, float(np.mean(follows**2)) - lags * spread / freedom) / power)
@@ -218,7 +217,8 @@ def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
     bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > ROUNDING.kink_steps * step
     changes = np.diff(command, prepend=command[0]) != 0.0
     reach = 2 * (FILTER_ROWS + ROUNDING.max_lag_rows) + 1
-    return maximum_filter1d(changes, FILTER_ROWS) & ~maximum_filter1d(bend, reach)
+    near = scipy.ndimage.maximum_filter1d
+    return near(changes, FILTER_ROWS) & ~near(bend, reach)
 
 
 def one_row_share(rig: Rig, dt_s: float) -> float:
@@ -238,6 +238,6 @@ def winding_response(rig: Rig, dt_s: float, command: np.ndarray) -> np.ndarray:
     a, before = np.exp(-r), np.concatenate([command[:1], command[:-1]])
     rise = np.diff(command, prepend=command[0])
     forcing = command - rise / r - a * before + a * rise / r
-    end = lfilter([1.0], [1.0, -a], forcing, zi=[a * command[0]])[0]
+    end = scipy.signal.lfilter([1.0], [1.0, -a], forcing, zi=[a * command[0]])[0]
     begin = np.concatenate([command[:1], end[:-1]])
     return 0.5 * (command + before) - rise / r + (begin - before + rise / r) * (1.0 - a) / r

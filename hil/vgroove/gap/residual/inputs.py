@@ -67,9 +67,7 @@ def read_input(log: CleanLog) -> DrivingInput:
     missing or cannot have driven the tool.
     """
     rig, time_s = log.rig, log.time_s
-    command = interpolate_to_known_levels(time_s, _command(log))
-    if rig.command_holds_after:
-        command = np.concatenate([command[:1], command[:-1]])
+    command = _before_rows(log, interpolate_to_known_levels(time_s, _command(log)))
     more: dict[str, Any] = {}
     if rig.bus_is_measured and log.kind == "duty":
         more["supply_v"] = _bus(log)
@@ -79,7 +77,7 @@ def read_input(log: CleanLog) -> DrivingInput:
     if log.thinned.any():
         more |= {"skipped_a2": log.columns[SQUARE_A2], "skipped_bus_a": log.columns[BUS_A]}
     if "coast" in log.columns:
-        more["coast"] = hold_last_value(log.columns["coast"])
+        more["coast"] = _before_rows(log, hold_last_value(log.columns["coast"]))
     denoised, step_slack = None, resolution_of(log.columns[log.kind])
     if log.kind == "voltage_v":
         denoised = denoise_command(command)
@@ -100,6 +98,15 @@ def read_input(log: CleanLog) -> DrivingInput:
         bridge_closed=_bridge_closed(log),
     )
     return DrivingInput(columns, measured)
+
+
+def _before_rows(log: CleanLog, values: np.ndarray) -> np.ndarray:
+    """Values of the bridge (rows,) in the intervals before their rows: shifted by one row where the
+    rig's commands hold after them.
+    """
+    if not log.rig.command_holds_after:
+        return values
+    return np.concatenate([values[:1], values[:-1]])
 
 
 def _command(log: CleanLog) -> np.ndarray:
@@ -169,4 +176,4 @@ def _bridge_closed(log: CleanLog) -> np.ndarray:
         return np.zeros(len(log.time_s), dtype=bool)
     if "coast" not in log.columns:
         return np.ones(len(log.time_s), dtype=bool)
-    return hold_last_value(log.columns["coast"]) == 0.0
+    return _before_rows(log, hold_last_value(log.columns["coast"])) == 0.0

@@ -4,7 +4,6 @@ all their channels joined.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
 from vgroove.gap.residual.restarts import restart_interval_s
+from vgroove.log import as_log
 from vgroove.rig import Rig
 
 RESTART_S = 0.25  # docs/spec/gap.md, section 5
@@ -66,11 +66,7 @@ def with_clip(problem: Problem, stated: Mapping[str, float]) -> Problem:
 
 def read(log: Any) -> Any:
     """A log, read from its file where it is a path."""
-    if not isinstance(log, str | Path):
-        return log
-    from vgroove.log import read_log
-
-    return read_log(log)
+    return as_log(log)
 
 
 def _check_simulated(rig: Rig) -> None:

@@ -2,13 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from vgroove.log import ColumnMap
 
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
     """seed: of the bootstrap; without: ids of effects that are excluded from the catalogue;
     progress: is called with a text at each stage; from_s, to_s: range in s of each log's own time
-    column outside of which no row is used (None: no bound).
+    column outside of which no row is used (None: no bound); as_is: use logs whose units, signs or
+    time base look wrong; columns: which column of a file or table is which column of a log
+    (vgroove.log.column_map; None: those of the same name).
     """
 
     seed: int = 0
@@ -16,3 +22,5 @@ class DiagnosisOptions:
     progress: Callable[[str], None] = lambda _: None
     from_s: float | None = None
     to_s: float | None = None
+    as_is: bool = False
+    columns: "ColumnMap | None" = None

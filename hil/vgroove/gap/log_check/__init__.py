@@ -1,0 +1,71 @@
+"""Checks of a log before a diagnosis: what it holds, and whether its units, signs and time base are
+those that the rig expects.
+
+A diagnosis would explain a wrong unit by an effect, or compare nothing at all. The factors between
+log and simulation are taken from simulations of the rig without any fit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vgroove.errors import VgrooveError
+from vgroove.gap.log_check.factors import unit_findings
+from vgroove.gap.log_check.facts import LogFacts, facts_of
+from vgroove.gap.log_check.finding import Finding, LogCheck
+from vgroove.gap.log_check.plausible import plausibility_findings, rate_finding
+from vgroove.gap.log_check.row_convention import with_convention
+from vgroove.gap.log_check.same_log import refuse_same_log
+from vgroove.log import Log
+from vgroove.rig import Rig
+
+__all__ = ["Finding", "LogCheck", "LogFacts", "check_log", "checked_logs"]
+
+OVERRIDE = "--as-is, in Python as_is=True, uses the log as it is"
+
+
+def check_log(log: Log, rig: Rig | None = None) -> LogCheck:
+    """Facts and findings of a log, with a rig also those that compare it with its simulation.
+
+    VgrooveError where the column that drives the model is missing or cannot have driven the tool.
+    """
+    facts, findings = facts_of(log, rig), refusals_and_warnings(log, rig)
+    if rig is not None and not any(finding.refuses for finding in findings):
+        facts, remarks = with_convention(facts, log, rig)
+        findings += remarks
+    return LogCheck(facts, findings)
+
+
+def refusals_and_warnings(log: Log, rig: Rig | None) -> list[Finding]:
+    """Findings on the values of a log and, with a rig, on its rate, units and signs."""
+    findings = plausibility_findings(log)
+    if rig is None:
+        return findings
+    findings += rate_finding(log, rig)
+    if any(finding.refuses for finding in findings):
+        return findings
+    return findings + unit_findings(log, rig)
+
+
+def checked_logs(logs: Sequence[Any], rig: Rig, as_is: bool = False) -> list[Any]:
+    """Logs of one tool (vgroove.log.Log or alike) with the warnings of their checks.
+
+    VgrooveError for a log that is given twice and, unless as_is, for one whose values speak against
+    its use; it names all of them.
+    """
+    refuse_same_log(logs)
+    return list(logs) if as_is else [_with_warnings(log, rig) for log in logs]
+
+
+def _with_warnings(log: Any, rig: Rig) -> Any:
+    """A log with the warnings of its check; VgrooveError where a finding refuses it."""
+    columns = {name: np.asarray(values, float) for name, values in log.columns.items()}
+    table = Log(np.asarray(log.time_s, float), columns, log.source)
+    findings = refusals_and_warnings(table, rig)
+    refusals = [finding.text for finding in findings if finding.refuses]
+    if refusals:
+        raise VgrooveError(f"{log.source}: {'; '.join(refusals)} ({OVERRIDE})")
+    warnings = [f"{log.source}: {finding.text}" for finding in findings if finding.warns]
+    return replace(log, warnings=[*log.warnings, *warnings]) if warnings else log

@@ -1,0 +1,67 @@
+"""The command `vgroove log check`: reads a log, prints what it holds and what speaks against its
+use.
+"""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from vgroove.errors import VgrooveError
+from vgroove.gap.log_check import LogCheck, LogFacts, check_log
+from vgroove.log import Log
+from vgroove.output import write_json
+from vgroove.rig import read_rig
+from vgroove.terminal import print_line, print_warning, table_console
+
+
+def check_file(log: Log, rig_path: Path | None, json_path: Path | None) -> None:
+    """Check a log; the facts go to stdout, warnings to stderr. VgrooveError with the findings that
+    refuse the log, after all else is written.
+    """
+    check = check_log(log, None if rig_path is None else read_rig(rig_path))
+    if json_path is not None:
+        write_json(json_path, check.as_dict())
+    print_check(check, log.warnings)
+    refusals = [finding.text for finding in check.findings if finding.refuses]
+    if refusals:
+        raise VgrooveError(f"{log.source}: {'; '.join(refusals)}")
+
+
+def print_check(check: LogCheck, warnings: list[str]) -> None:
+    """Print facts and remarks of a check."""
+    for line in fact_lines(check.facts):
+        print_line(Console(), line)
+    table_console().print(column_table(check.facts))
+    for finding in check.findings:
+        if not finding.refuses:
+            print_line(Console(), f"{finding.text}")
+    for warning in warnings:
+        print_warning(Console(stderr=True), warning)
+
+
+def fact_lines(facts: LogFacts) -> list[str]:
+    """Sentences on a log as a whole."""
+    gaps = f"{facts.gaps} gaps, the longest {facts.longest_gap_s:.4g} s" if facts.gaps else "no gap"
+    lines = [
+        f"{facts.source}: {facts.rows} rows in {facts.duration_s:.4g} s, median interval "
+        f"{facts.interval_s:.4g} s ({facts.rate_hz:.4g} Hz), {gaps}",
+        f"command: rows are {facts.command_rows} ({facts.command_rows_reason})",
+        f"a diagnosis takes about {facts.diagnosis_s:.0f} s of processor time",
+    ]
+    if facts.unsigned_current:
+        lines.append("current_a is unsigned: it is never negative while the drive brakes")
+    return lines
+
+
+def column_table(facts: LogFacts) -> Table:
+    """Ranges, units and signs of the columns."""
+    table = Table(title="columns", title_justify="left")
+    for name in ("column", "unit", "least", "greatest", "sign", "missing"):
+        table.add_column(
+            name, justify="right" if name in ("least", "greatest", "missing") else "left"
+        )
+    for name, column in facts.columns.items():
+        low, high = ("" if v is None else f"{v:.4g}" for v in (column.low, column.high))
+        table.add_row(name, column.unit or "1", low, high, column.sign, str(column.missing))
+    return table

@@ -1,0 +1,234 @@
+"""Units and signs of a log: factors between its measured columns and the nominal simulation that a
+wrong unit explains, and no fault of a tool.
+
+The factor of a column is the median of measured over nominal values (a robust slope through the
+origin) in the steady rows of the run. It is named, and the log refused, only where it agrees with
+that of a unit, a simulation times that factor follows the column closely, and one without does not.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.log_check.finding import Finding
+from vgroove.gap.log_check.nominal import (
+    Pair,
+    first_rows,
+    is_simulated,
+    nominal_pairs,
+    steady_rows,
+)
+from vgroove.gap.log_check.time_unit import best_time_factor, time_finding
+from vgroove.log import COLUMN_UNITS, Log
+from vgroove.rig import Rig
+from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+
+
+@dataclass(frozen=True)
+class FactorRules:
+    """When a factor is that of a unit. Checked on the logs of tests/data and on altered tools:
+    parameters off by up to 50 %, gains by up to 30 % (tests/python/test_log_units.py).
+    """
+
+    tolerance: float = 0.03  # relative, of a factor that a faulty tool could come near
+    # factor by which 1000 and -1 may be missed, which no tool comes near
+    wide: float = 3.0
+    # a factor nearer to 1 than this is that of a tool, not of a unit
+    least: float = 3.0
+    least_warned: float = 5.0  # a farther one that is no unit's is a warning
+    nearest: float = 1.5  # factor by which the unit that the warning names may be missed
+    max_scatter: float = 0.15  # median relative error that may be left with the factor
+    max_wide_scatter: float = 0.5  # the same with 1000 or -1
+    better: float = 3.0  # by which the factor must reduce that error
+    min_rows: int = 50  # steady rows; with fewer all rows are used
+    settle_time_constants: float = 3.0
+    settle_s: float = 0.05  # at least: electrical transients, a Hall timeout
+
+
+RULES = FactorRules()
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit or sign that a column may have been written in: factor of its numbers over those of
+    the expected unit, and the mend. wide: the factor may be missed by RULES.wide.
+    """
+
+    factor: float
+    name: str
+    mend: str
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Factor of a column over its nominal signal, and the median relative error of the nominal
+    signal times the factor and of the nominal signal alone.
+    """
+
+    column: str
+    factor: float
+    scatter: float
+    unscaled: float
+
+    def is_close(self, wide: bool = False) -> bool:
+        """Whether the nominal signal times the factor follows the column, and much better; wide:
+        for a factor that no tool comes near.
+        """
+        limit = RULES.max_wide_scatter if wide else RULES.max_scatter
+        better = self.unscaled >= (1.0 if self.is_thousand else RULES.better) * self.scatter
+        return self.scatter <= limit and better
+
+    @property
+    def is_thousand(self) -> bool:
+        """Whether the factor is of the size of 1000: the error of a simulation without it cannot be
+        larger than the column, so that it says less.
+        """
+        return abs(self.factor) >= 1e3 / RULES.wide
+
+    @property
+    def is_far(self) -> bool:
+        """Whether the factor is negative or far from 1."""
+        return self.factor < 1.0 / RULES.least or self.factor > RULES.least
+
+
+# per column: factor of the numbers, unit as --map names it
+COLUMN_UNITS_WRITTEN = {
+    "current_a": {1e3: "mA"},
+    "supply_v": {1e3: "mV"},
+    "speed_rpm": {
+        RAD_S_PER_RPM: "rad/s",
+        1 / 60: "rev/s",
+        6.0: "deg/s",
+        2.0 * math.pi: "rad/min",
+        RPM_PER_RAD_S: "0.1047198 rpm",  # converted from rad/s twice
+        60.0: "0.01666667 rpm",  # converted from rev/s twice
+    },
+    "position_rad": {180.0 / math.pi: "deg", 0.5 / math.pi: "rev", 1e3: "mrad"},
+}
+GEARED = ("speed_rpm", "position_rad")
+
+
+def unit_findings(log: Log, rig: Rig) -> list[Finding]:
+    """Findings on the units and signs of a log, from its simulation; none for a rig that the plant
+    cannot drive with a log.
+    """
+    if not is_simulated(rig):
+        return []
+    part = first_rows(log, rig)
+    factor = 1.0 if "log_hz" in rig.sensors else best_time_factor(part, rig)
+    if factor != 1.0:
+        return [time_finding(part, rig, factor)]
+    slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
+    return _input_findings(slopes, rig) or [f for s in slopes for f in _column_findings(s, rig)]
+
+
+def slope_of(pair: Pair, log: Log, rig: Rig) -> Slope | None:
+    """The factor between a column and its nominal signal in steady rows; in all rows where few are
+    steady. None without rows, or where the column is 0 in most of them.
+    """
+    loud = pair.loud()
+    steady = loud & steady_rows(pair, np.asarray(log.time_s, float), settle_time_s(rig))
+    rows = steady if np.count_nonzero(steady) >= RULES.min_rows else loud
+    measured, nominal = pair.measured[rows], pair.nominal[rows]
+    size = float(np.median(np.abs(measured))) if len(measured) else 0.0
+    if size == 0.0 or (factor := float(np.median(measured / nominal))) == 0.0:
+        return None
+    scatter = float(np.median(np.abs(measured - factor * nominal))) / size
+    unscaled = float(np.median(np.abs(measured - nominal))) / size
+    return Slope(pair.column, factor, scatter, unscaled)
+
+
+def settle_time_s(rig: Rig) -> float:
+    """Time in s after which the nominal motor is steady: its run-up time constant J R / k^2."""
+    motor = rig.motor
+    damping = motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
+    constant_s = rig.shaft_inertia_kg_m2 / (damping + motor["viscous_nm_s_per_rad"])
+    return max(RULES.settle_s, RULES.settle_time_constants * constant_s)
+
+
+def _input_findings(slopes: list[Slope], rig: Rig) -> list[Finding]:
+    """A finding where all columns that the command moves have the same factor: that of the
+    command.
+    """
+    kind = rig.input["kind"]
+    moved = [slope for slope in slopes if slope.column != "supply_v"]
+    if len(moved) < 2 or not all(slope.is_close(wide=True) for slope in moved):
+        return []
+    unit = COLUMN_UNITS[kind]
+    if all(_matches(slope.factor, Unit(-1.0, "", "", wide=True)) for slope in moved):
+        reason = f"{kind} has the opposite sign"
+        return [_refusal(f"columns {_names(moved)}", "-1", reason, _mend(kind, f"-{unit or 1}"))]
+    if kind != "duty" and all(_matches(s.factor, Unit(1e-3, "", "", wide=True)) for s in moved):
+        reason = f"{kind} is in m{unit}"
+        return [_refusal(f"columns {_names(moved)}", "1/1000", reason, _mend(kind, f"m{unit}"))]
+    return []
+
+
+def _mend(column: str, unit: str) -> str:
+    """The option that reads a column in another unit."""
+    return f'read it with --map "{column}:{unit}={column}"'
+
+
+def _names(slopes: list[Slope]) -> str:
+    return " and ".join(slope.column for slope in slopes)
+
+
+def _column_findings(slope: Slope, rig: Rig) -> list[Finding]:
+    """A refusal where the factor of a column is that of a unit, a warning where it is far from 1
+    without being one.
+    """
+    if not slope.is_far:
+        return []
+    units = units_of(slope.column, rig)
+    for unit in units:
+        if slope.is_close(unit.wide) and _matches(slope.factor, unit):
+            return [_refusal(f"column {slope.column}", f"{slope.factor:.4g}", unit.name, unit.mend)]
+    far = max(abs(slope.factor), 1.0 / abs(slope.factor)) > RULES.least_warned
+    return [_warning(slope, units)] if far and slope.is_close() else []
+
+
+def _warning(slope: Slope, units: list[Unit]) -> Finding:
+    """A warning of a factor that is far from 1 and from those of the units; it names a near one."""
+    nearest = min(units, key=lambda unit: _distance(slope.factor, unit))
+    near = _distance(slope.factor, nearest) <= math.log(RULES.nearest)
+    hint = f" (the nearest factor is {nearest.factor:.4g}: {nearest.name}?)" if near else ""
+    text = (
+        f"column {slope.column}: the values are {slope.factor:.4g} times those of the rig's "
+        f"simulation: a value of the rig, the sensor's scale or the unit is far off{hint}"
+    )
+    return Finding(text, warns=True)
+
+
+def _refusal(what: str, factor: str, reason: str, mend: str) -> Finding:
+    text = f"{what}: the values are {factor} times those of the rig's simulation: {reason}? {mend}"
+    return Finding(text, refuses=True)
+
+
+def units_of(column: str, rig: Rig) -> list[Unit]:
+    """The units and signs that a column may have been written in; the gear's ratio first."""
+    ratio, own = rig.gearbox["ratio"], COLUMN_UNITS[column]
+    found = []
+    if column in GEARED and ratio >= RULES.least:
+        name = f"it is measured behind the gear (gearbox.ratio {ratio:g})"
+        found += [Unit(1.0 / ratio, name, _mend(column, f"{ratio:g} {own}"))]
+        found += [Unit(-1.0 / ratio, name, _mend(column, f"-{ratio:g} {own}"))]
+    for factor, name in COLUMN_UNITS_WRITTEN[column].items():
+        wide = factor == 1e3
+        found.append(Unit(factor, f"it is in {name}", _mend(column, name), wide))
+        said = f"it is in {name} with the opposite sign"
+        found.append(Unit(-factor, said, _mend(column, f"-{name}"), wide))
+    return [*found, Unit(-1.0, "it has the opposite sign", _mend(column, f"-{own}"), wide=True)]
+
+
+def _matches(factor: float, unit: Unit) -> bool:
+    """Whether a factor is that of a unit."""
+    limit = RULES.wide if unit.wide else 1.0 + RULES.tolerance
+    return _distance(factor, unit) <= math.log(limit)
+
+
+def _distance(factor: float, unit: Unit) -> float:
+    """Magnitude of the logarithm of a factor over that of a unit; inf with opposite signs."""
+    ratio = factor / unit.factor
+    return abs(math.log(ratio)) if ratio > 0.0 else math.inf

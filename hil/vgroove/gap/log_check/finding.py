@@ -1,0 +1,41 @@
+"""What a check of a log finds."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from vgroove.gap.log_check.facts import LogFacts
+
+SCHEMA = "vgroove.log_check/1"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A sentence about a log. refuses: the log must not be used as it is; warns: the sentence is a
+    warning of every command that reads the log.
+    """
+
+    text: str
+    refuses: bool = False
+    warns: bool = False
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """Facts and findings of one log."""
+
+    facts: LogFacts
+    findings: list[Finding]
+
+    @property
+    def refused(self) -> bool:
+        """Whether a finding speaks against a use of the log."""
+        return any(finding.refuses for finding in self.findings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return {
+            "schema": SCHEMA,
+            **asdict(self.facts),
+            "refused": self.refused,
+            "findings": [asdict(finding) for finding in self.findings],
+        }

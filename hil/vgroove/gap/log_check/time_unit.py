@@ -1,0 +1,76 @@
+"""The unit of a log's times where the rig does not state log_hz: milliseconds, microseconds or
+nanoseconds that are read as seconds make every transient of the simulation too short.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.log_check.finding import Finding
+from vgroove.gap.log_check.nominal import mean_error, nominal_pairs
+from vgroove.gap.log_check.plausible import TIME_UNITS
+from vgroove.log import Log
+from vgroove.rig import Rig
+
+
+@dataclass(frozen=True)
+class TimeRules:
+    """When the times of a log are in another unit. Checked as FactorRules are."""
+
+    better: float = 0.3  # share of the simulation's error that may be left with the other unit
+    # the same for a log whose rows are farther apart than slow_rows time constants of the motor:
+    # such a log would show no transient at all
+    better_if_slow: float = 0.9
+    slow_rows: float = 3.0
+    least_error: float = 0.02  # relative error of the simulation that a wrong unit makes at least
+    # error that the other unit may leave: a signal that is not explained at all has 1
+    max_error: float = 0.5
+
+
+RULES = TimeRules()
+MIN_INTERVAL_S = 1e-6  # of a logger: log_hz is at most 1e6
+
+
+def best_time_factor(log: Log, rig: Rig) -> float:
+    """Seconds in a unit of the log's times: 1, or that of a shorter unit that explains its signals
+    much better.
+    """
+    interval = float(np.median(np.diff(np.asarray(log.time_s, float))))
+    own = time_errors(log, rig, 1.0)
+    limit = RULES.better
+    if interval > RULES.slow_rows * run_up_s(rig):
+        limit = RULES.better_if_slow
+    best, least = 1.0, min(limit * own, RULES.max_error)
+    for size in TIME_UNITS:
+        if own < RULES.least_error or interval / size < MIN_INTERVAL_S:
+            break
+        if (error := time_errors(log, rig, 1.0 / size)) < least:
+            best, least = 1.0 / size, error
+    return best
+
+
+def run_up_s(rig: Rig) -> float:
+    """Run-up time constant J R / k^2 in s; J / b with a current as input."""
+    motor = rig.motor
+    damping = motor["viscous_nm_s_per_rad"]
+    if rig.input["kind"] != "current_a":
+        damping += motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
+    return rig.shaft_inertia_kg_m2 / damping if damping > 0.0 else np.inf
+
+
+def time_errors(log: Log, rig: Rig, factor: float) -> float:
+    """Mean relative error of the nominal signals, each times its best factor, where the times times
+    `factor` are seconds.
+    """
+    return mean_error(nominal_pairs(log, rig, factor), scaled=True)
+
+
+def time_finding(log: Log, rig: Rig, factor: float) -> Finding:
+    """The refusal of a log whose times are in the unit with this factor."""
+    unit = TIME_UNITS[round(1.0 / factor)]
+    before, after = time_errors(log, rig, 1.0), time_errors(log, rig, factor)
+    text = (
+        f"column time_s: read as {unit} the simulation's relative error falls from {before:.2g} to "
+        f'{after:.2g}: are the times in {unit}? Read them with --map "time_s:{unit}=time_s"'
+    )
+    return Finding(text, refuses=True)

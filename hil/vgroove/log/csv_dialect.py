@@ -1,0 +1,108 @@
+"""How a CSV file is written: separator, comment lines, header, index columns."""
+
+import csv
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import islice
+
+from vgroove.log.units_of_columns import is_unit
+
+DELIMITERS = "\t;,"  # in the order in which they are tried; a comma may be a decimal sign
+COMMENTS = ("#", "%")
+HEAD_LINES = 1000  # within which the header is looked for
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """Separator of the cells, names of the columns, the line that holds them, the number of lines
+    before the first row, and the units that a line below the names states (empty: no such line).
+    """
+
+    delimiter: str
+    header: tuple[str, ...]
+    header_line: int
+    skipped: int
+    units: tuple[str, ...] = ()
+
+
+def is_comment(line: str) -> bool:
+    """Whether a line is a comment."""
+    return line.lstrip().startswith(COMMENTS)
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or a decimal comma."""
+    try:
+        float(with_point(cell))
+    except ValueError:
+        return False
+    return True
+
+
+def with_point(cell: str) -> str:
+    """The cell with a decimal point instead of a decimal comma."""
+    return cell.replace(",", ".")
+
+
+def detect_dialect(lines: Iterable[str]) -> Dialect | None:
+    """The dialect of a file's lines; None for one without any. Names that a comment holds are the
+    header where the first other line holds as many numbers.
+    """
+    numbered = list(islice(enumerate(lines, 1), HEAD_LINES))
+    filled = [(n, line) for n, line in numbered if line.strip()]
+    plain = [(n, line) for n, line in filled if not is_comment(line)]
+    if not plain:
+        return None
+    (number, line), after = plain[0], [text for _, text in plain[1:3]]
+    delimiter = _delimiter(line, after)
+    header = _cells(line, delimiter)
+    if all(is_number(cell) for cell in header):
+        named = _names_in_comment([t for n, t in filled if n < number], delimiter, len(header))
+        if named:
+            return Dialect(delimiter, named, number - 1, number - 1)
+    rows = [_cells(text, delimiter) for text in after]
+    units, skipped = _units(rows[0], len(header)) if rows else (), number
+    if units:
+        rows, skipped = rows[1:], plain[1][0]
+    return Dialect(delimiter, _with_index(header, rows), number, skipped, units)
+
+
+def _cells(line: str, delimiter: str) -> tuple[str, ...]:
+    rows = csv.reader([line.strip("\r\n")], delimiter=delimiter)
+    return tuple(cell.strip() for cell in next(rows, []))
+
+
+def _delimiter(header: str, rows: list[str]) -> str:
+    """The separator that a header and the first row hold equally often, else the first one that the
+    header holds.
+    """
+    bare = [re.sub(r'"[^"]*"', "", line) for line in (header, *rows)]
+    held = [d for d in DELIMITERS if d in bare[0]]
+    equal = [d for d in held if all(line.count(d) == bare[0].count(d) for line in bare)]
+    return (equal or held or [","])[0]
+
+
+def _units(row: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """The units of a row without any number, as (ms), [V] or A; empty for a row of samples."""
+    bare = tuple(cell.strip("()[] ") for cell in row)
+    if len(row) != count or any(map(is_number, row)) or not any(map(is_unit, bare)):
+        return ()
+    return bare
+
+
+def _names_in_comment(comments: list[str], delimiter: str, count: int) -> tuple[str, ...] | None:
+    """The names of the last comment, where they are as many as the columns."""
+    if not comments:
+        return None
+    names = _cells(comments[-1].strip().lstrip("".join(COMMENTS)), delimiter)
+    return names if len(names) == count and not any(map(is_number, names)) else None
+
+
+def _with_index(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> tuple[str, ...]:
+    """The header with an unnamed column where the first row has one cell more: the last one where
+    it is empty (a separator at the end of each row), else the first (numbers of the rows).
+    """
+    if not rows or len(rows[0]) != len(header) + 1 or len(header) < 2:
+        return header
+    return (*header, "") if not rows[0][-1] else ("", *header)

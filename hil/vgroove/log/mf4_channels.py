@@ -1,0 +1,133 @@
+"""MF4 logs of channels with any names, in one or more channel groups with their own times and
+units, resampled to the times of one group.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgroove.errors import VgrooveError
+from vgroove.log.column_map import ColumnMap, Place
+from vgroove.log.nearest import nearest_columns
+from vgroove.log.raw_columns import factor_of
+from vgroove.log.table import Log, check_columns, checked
+from vgroove.log.units_of_columns import TIME_COLUMN
+
+# Columns that hold their last value between two samples; the others are interpolated linearly.
+HELD = ("duty", "coast", "trigger", "state")
+MAX_GAP_INTERVALS = 3.0  # median intervals of a channel that are bridged by interpolation
+MASTERS = (2, 3)  # channel types of the time: master and virtual master (ASAM MDF 4, CN_TYPE)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A log column (n,) in the unit of the log with its own times (n,) in s, and the name of the
+    channel.
+    """
+
+    name: str
+    column: str
+    time_s: np.ndarray
+    values: np.ndarray
+
+    @property
+    def interval_s(self) -> float:
+        """Median interval; infinite for a single sample."""
+        return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else np.inf
+
+
+def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
+    """The log of an open MF4 file. The rows are the times of the channel that the map declares as
+    `time_base`, else of the fastest channel that a log column is read from.
+    """
+    masters = {c.name for g in mdf.groups for c in g.channels if c.channel_type in MASTERS}
+    places = columns.places(str(path), list(mdf.channels_db))
+    time_factor = _time_factor(path, places.pop(TIME_COLUMN, None), masters)
+    used = {place.name for place in places.values()} | masters
+    unknown = [name for name in mdf.channels_db if name not in used]
+    check_columns(str(path), {TIME_COLUMN, *places}, unknown)
+    warnings = [f"{path}: the unknown column {name} is ignored." for name in unknown]
+    found = [_channel(mdf, path, column, place, warnings) for column, place in places.items()]
+    base = _time_base(mdf, path, columns, found)
+    resampled = {c.column: _resampled(c, base) for c in found}
+    warnings += _resampling_warnings(path, found, base)
+    return checked(Log(base * time_factor, resampled, str(path), warnings))
+
+
+def _time_factor(path: Path, place: Place | None, masters: set[str]) -> float:
+    """Factor from the times of the groups to s, which they are in unless the map has another unit;
+    VgrooveError where the map names a channel that is no time of a group.
+    """
+    if place is None:
+        return 1.0
+    if place.name not in masters:
+        raise VgrooveError(
+            f"{path}: {place.name} is no time of a channel group (these are "
+            f"{', '.join(sorted(masters))}): leave it out of the map, or declare the channel whose "
+            "times are the rows as time_base in a mapping file."
+        )
+    return 1.0 if place.factor is None else place.factor
+
+
+def _channel(mdf: Any, path: Path, column: str, place: Place, warnings: list[str]) -> Channel:
+    """A log column of the file, in the unit of the log."""
+    signal = _signal(mdf, path, place.name)
+    factor = factor_of(place, column, signal.unit, warnings, str(path))
+    times = np.asarray(signal.timestamps, float)
+    return Channel(place.name, column, times, signal.samples.astype(float) * factor)
+
+
+def _signal(mdf: Any, path: Path, name: str) -> Any:
+    """The channel of a name with the most samples; VgrooveError where they are not numbers."""
+    entries = mdf.channels_db[name]
+    group, index = max(entries, key=lambda entry: mdf.groups[entry[0]].channel_group.cycles_nr)
+    signal = mdf.get(name, group, index)
+    if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
+        raise VgrooveError(f"{path}: column {name}: its samples are not numbers.")
+    return signal
+
+
+def _time_base(mdf: Any, path: Path, columns: ColumnMap, found: list[Channel]) -> np.ndarray:
+    """Times (n,) of the rows in s."""
+    if columns.time_base is None:
+        return min(found, key=lambda channel: channel.interval_s).time_s
+    if columns.time_base not in mdf.channels_db:
+        near = ", ".join(nearest_columns(columns.time_base.lower(), mdf.channels_db))
+        raise VgrooveError(
+            f"{path}: has no channel {columns.time_base!r}, which the mapping file declares as "
+            f"time_base{'; the nearest are ' + near if near else ''}."
+        )
+    return np.asarray(_signal(mdf, path, columns.time_base).timestamps, float)
+
+
+def _resampled(channel: Channel, base: np.ndarray) -> np.ndarray:
+    """The channel at the times `base` (m,) in s: nan outside of its own times, and where it has no
+    sample for more than MAX_GAP_INTERVALS of its intervals.
+    """
+    known = np.isfinite(channel.values)
+    own, values = channel.time_s[known], channel.values[known]
+    if np.array_equal(channel.time_s, base) or not len(own):
+        return channel.values if len(own) else np.full(len(base), np.nan)
+    before = np.searchsorted(own, base, side="right") - 1
+    last = own[np.maximum(before, 0)]
+    longest_s = MAX_GAP_INTERVALS * channel.interval_s
+    if channel.column in HELD:
+        found, missing = values[np.maximum(before, 0)], base - last > longest_s
+    else:
+        after = np.minimum(np.searchsorted(own, base, side="left"), len(own) - 1)
+        found = np.interp(base, own, values)
+        missing = (own[after] - last > longest_s) | (base > own[-1])
+    return np.where(missing | (before < 0), np.nan, found)
+
+
+def _resampling_warnings(path: Path, found: list[Channel], base: np.ndarray) -> list[str]:
+    others = [c.name for c in found if not np.array_equal(c.time_s, base)]
+    if not others:
+        return []
+    interval = float(np.median(np.diff(base))) if len(base) > 1 else np.nan
+    return [
+        f"{path}: {', '.join(others)}: resampled to rows every {interval:.4g} s (commands hold "
+        "their last value, other columns are interpolated linearly)."
+    ]

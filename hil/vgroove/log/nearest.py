@@ -1,0 +1,51 @@
+"""Columns of a file whose names are near that of a log column, for messages."""
+
+import difflib
+import re
+from collections.abc import Iterable
+
+# words that people name a quantity by, besides the column's own name
+WORDS = {
+    "time_s": ("time", "t", "timestamp", "seconds", "zeit"),
+    "duty": ("duty", "pwm", "dutycycle", "throttle"),
+    "voltage_v": ("voltage", "u", "v", "u_motor", "motor voltage", "spannung"),
+    "supply_v": ("supply", "bus", "battery", "u_bat", "vbus"),
+    "current_a": ("current", "i", "i_motor", "motor current", "strom"),
+    "speed_rpm": ("speed", "rpm", "omega", "n", "motor speed", "drehzahl"),
+    "position_rad": ("position", "angle", "theta", "encoder"),
+    "load_nm": ("load", "torque", "moment"),
+}
+MIN_LIKENESS = 0.6  # of difflib's ratio, for a name to be shown
+SHOWN = 8  # names that are listed where none is near
+
+
+def nearest_columns(column: str, names: Iterable[str], count: int = 3) -> list[str]:
+    """At most `count` of the names that are most like a log column, the most likely first."""
+    score = {name: _likeness(column, name) for name in names if name}
+    near = sorted((n for n in score if score[n] >= MIN_LIKENESS), key=lambda n: -score[n])
+    return near[:count]
+
+
+def _likeness(column: str, name: str) -> float:
+    """Largest ratio of difflib.SequenceMatcher of a name, without a unit in brackets, to the words
+    of a column.
+    """
+    plain = re.sub(r"[\[(].*?[\])]", "", name).strip().lower()
+    words = (column, *WORDS.get(column, ()))
+    return max(difflib.SequenceMatcher(None, plain, word).ratio() for word in words)
+
+
+def hint(columns: Iterable[str], names: Iterable[str]) -> str:
+    """A sentence on the columns of a file that may be those which are missing."""
+    names = [name for name in names if name]
+    for column in columns:
+        near = nearest_columns(column, names)
+        if near:
+            return (
+                f" The nearest columns of the file are {', '.join(near)}: if it is one of them, "
+                f'say --map "{near[0]}:UNIT={column}".'
+            )
+    if not names:
+        return ""
+    listed = ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
+    return f' The columns of the file are {listed}: name them by --map "NAME:UNIT=COLUMN".'

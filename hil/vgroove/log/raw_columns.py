@@ -1,0 +1,90 @@
+"""Makes a log from named arrays: a file that is no text, a table of another library, a dict."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from vgroove.errors import VgrooveError
+from vgroove.log.column_map import ColumnMap, Place
+from vgroove.log.table import Log, check_columns, checked
+from vgroove.log.units_of_columns import TIME_COLUMN, known_unit, own_unit, unit_in_name
+
+NO_UNIT = ("", "-")  # that a file states for plain numbers
+
+
+@dataclass(frozen=True)
+class RawColumns:
+    """Columns of a source by name: `values` reads one as an array (n,), `units` states the units
+    that the source knows.
+    """
+
+    source: str
+    names: Sequence[str]
+    values: Callable[[str], Any]
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+def factor_of(place: Place, column: str, unit: str, warnings: list[str], source: str) -> float:
+    """Factor from a column of a source to the log's unit: of the map's unit, else of the unit that
+    the source or the name of its column states, else 1; a warning is added for a unit that is not
+    known.
+    """
+    if place.factor is not None:
+        return place.factor
+    unit = unit if unit.strip() not in NO_UNIT else unit_in_name(place.name)
+    known = known_unit(unit, column) if unit else 1.0
+    if known is None:
+        own = own_unit(column) or "1"
+        warnings.append(
+            f"{source}: the unit {unit!r} of {place.name} is not known: taken as {own}."
+        )
+        return 1.0
+    return known
+
+
+def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
+    """The checked log of a source; VgrooveError where it is none."""
+    places = columns.places(raw.source, raw.names)
+    used = {place.name for place in places.values()}
+    unknown = [name for name in raw.names if name not in used]
+    check_columns(raw.source, places, unknown)
+    warnings = [f"{raw.source}: the unknown column {name} is ignored." for name in unknown]
+    found: dict[str, np.ndarray] = {}
+    for column, place in places.items():
+        unit = raw.units.get(place.name, "")
+        values = numbers(raw.values(place.name), f"{raw.source}: column {place.name}")
+        found[column] = values * factor_of(place, column, unit, warnings, raw.source)
+    time_s = found.pop(TIME_COLUMN)
+    for column, values in found.items():
+        if len(values) != len(time_s):
+            raise VgrooveError(
+                f"{raw.source}: column {places[column].name} has {len(values)} samples, the time "
+                f"has {len(time_s)}."
+            )
+    return checked(Log(time_s, found, raw.source, warnings))
+
+
+def numbers(values: Any, where: str) -> np.ndarray:
+    """An array (n,) of floats, times in s since the first one for dates; VgrooveError for what
+    holds no numbers.
+    """
+    array = np.asarray(values).squeeze()
+    if array.dtype.kind in "mM":
+        start = array[:1] if array.dtype.kind == "M" else 0
+        return (array - start) / np.timedelta64(1, "s")
+    if array.dtype.kind == "O":
+        array = np.array([np.nan if v is None else v for v in array.ravel()])
+    if array.dtype.kind not in "biuf" or array.ndim != 1:
+        raise VgrooveError(f"{where}: its samples are not numbers.")
+    return array.astype(float)
+
+
+def mapped(log: Log, columns: ColumnMap) -> Log:
+    """A log whose columns are read in the units that a map states; the log itself without one."""
+    if not columns.entries:
+        return log
+    arrays = {TIME_COLUMN: log.time_s} | log.columns
+    found = log_from_raw(RawColumns(log.source, list(arrays), arrays.__getitem__), columns)
+    return replace(log, time_s=found.time_s, columns=found.columns)

@@ -1,0 +1,517 @@
+"""Logs as other programs write them: names, units, separators, and the formats besides the
+project's own.
+"""
+
+import csv
+import gzip
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from asammdf import MDF, Signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from telemetry_board import ROOT
+from vgroove.errors import VgrooveError
+from vgroove.log import ColumnMap, Log, as_list, as_log, column_map, read_log, write_csv
+from vgroove.log.units_of_columns import UNITS, unit_factor
+from vgroove.units import RPM_PER_RAD_S
+
+PRACTICE = ROOT / "tests/data/practice/practice_002"
+VGROOVE = str(Path(sys.executable).with_name("vgroove"))
+FOREIGN = ("Time:ms=time_s", "U_cmd=duty", "I_motor:mA=current_a", "n:rad/s=speed_rpm")
+
+
+def sample(rows: int = 80) -> Log:
+    rng = np.random.default_rng(4)
+    names = ("duty", "current_a", "speed_rpm")
+    columns = {name: rng.uniform(-1, 1, rows).round(6) for name in names}
+    return Log(np.arange(1, rows + 1) / 1000, columns, "sample")
+
+
+def same(log: Log, other: Log, tolerance: float = 1e-12) -> bool:
+    return bool(
+        np.allclose(log.time_s, other.time_s, rtol=tolerance, atol=1e-12)
+        and all(
+            np.allclose(log[n], other[n], rtol=tolerance, atol=1e-12, equal_nan=True)
+            for n in ("duty", "current_a", "speed_rpm")
+        )
+    )
+
+
+def foreign(log: Log) -> dict[str, np.ndarray]:
+    """The columns of a log under other names and in other units: those of FOREIGN."""
+    return {
+        "Time": log.time_s * 1e3,
+        "U_cmd": log["duty"],
+        "I_motor": log["current_a"] * 1e3,
+        "n": log["speed_rpm"] / RPM_PER_RAD_S,
+    }
+
+
+def text_of(columns: dict[str, np.ndarray], delimiter: str = ",", point: str = ".") -> str:
+    lines = [delimiter.join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(delimiter.join(f"{value:.12g}".replace(".", point) for value in row))
+    return "\n".join(lines) + "\n"
+
+
+def own(log: Log) -> dict[str, np.ndarray]:
+    return {"time_s": log.time_s} | log.columns
+
+
+def refused(path: Path, *parts: str, columns: ColumnMap | None = None) -> None:
+    with pytest.raises(VgrooveError) as caught:
+        read_log(path, columns or column_map())
+    for part in (path.name, *parts):
+        assert part in str(caught.value), str(caught.value)
+
+
+@pytest.mark.parametrize(("delimiter", "point"), [(";", ","), ("\t", ","), (";", "."), ("\t", ".")])
+def test_separator_and_decimal_comma_are_recognised(
+    tmp_path: Path, delimiter: str, point: str
+) -> None:
+    (tmp_path / "a.csv").write_text(text_of(own(sample()), delimiter, point))
+    log = read_log(tmp_path / "a.csv")
+    assert same(log, sample()) and log.warnings == []
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t", ","])
+def test_quoted_cells_with_a_decimal_comma_are_numbers(tmp_path: Path, delimiter: str) -> None:
+    with (tmp_path / "a.csv").open("w", newline="") as file:
+        writer = csv.writer(file, delimiter=delimiter, quoting=csv.QUOTE_ALL)
+        writer.writerow(own(sample()))
+        for row in zip(*own(sample()).values(), strict=True):
+            writer.writerow([f"{value:.12g}".replace(".", ",") for value in row])
+    assert same(read_log(tmp_path / "a.csv"), sample())
+
+
+def test_decimal_commas_between_commas_are_refused_with_the_reason(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text_of(own(sample()), ",", ","))
+    refused(tmp_path / "a.csv", "line 2", "decimal comma", "semicolons")
+
+
+@pytest.mark.parametrize("sign", ["#", "%"])
+def test_comment_lines_are_left_out_and_lines_are_counted_with_them(
+    tmp_path: Path, sign: str
+) -> None:
+    lines = text_of(own(sample())).splitlines()
+    lines[0:0] = [f"{sign} recorded by hand, at noon", "", f"  {sign} second"]
+    lines.insert(30, f"{sign} pause, here")
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert same(read_log(tmp_path / "a.csv"), sample())
+    lines[40] = "0.5,x,1,2"
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    refused(tmp_path / "a.csv", "line 41", "column duty")
+
+
+def test_a_header_in_a_comment_is_a_header(tmp_path: Path) -> None:
+    text = "# made by numpy.savetxt\n# " + text_of(own(sample()))
+    (tmp_path / "a.csv").write_text(text)
+    assert same(read_log(tmp_path / "a.csv"), sample())
+
+
+@pytest.mark.parametrize("kind", ["pandas", "R", "separator at the end"])
+def test_columns_without_a_name_are_no_obstacle(tmp_path: Path, kind: str) -> None:
+    lines = text_of(own(sample())).splitlines()
+    if kind == "separator at the end":
+        lines = [lines[0], *(line + "," for line in lines[1:])]
+    else:
+        first = "," + lines[0] if kind == "pandas" else lines[0]
+        lines = [first, *(f"{k},{line}" for k, line in enumerate(lines[1:]))]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert same(read_log(tmp_path / "a.csv"), sample())
+
+
+@pytest.mark.parametrize(
+    "units", ["ms,mA,rad/s,", "(ms),(mA),(rad/s),(-)", "[ms],[mA],[rad/s],[1]"]
+)
+def test_a_line_of_units_below_the_names_is_read(tmp_path: Path, units: str) -> None:
+    columns = foreign(sample())
+    lines = text_of({n: columns[n] for n in ("Time", "I_motor", "n", "U_cmd")}).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([lines[0], units, "", *lines[1:]]))
+    names = [text.split("=")[0].split(":")[0] + "=" + text.split("=")[1] for text in FOREIGN]
+    assert same(read_log(tmp_path / "a.csv", column_map(names)), sample(), 1e-9)
+
+
+def test_units_in_the_names_are_read_and_an_option_replaces_them(tmp_path: Path) -> None:
+    columns = foreign(sample())
+    columns["I (mA)"], columns["t [ms]"] = columns.pop("I_motor"), columns.pop("Time")
+    (tmp_path / "a.csv").write_text(text_of(columns))
+    rest = ["U_cmd=duty", "n:rad/s=speed_rpm", "t [ms]=time_s"]
+    assert same(
+        read_log(tmp_path / "a.csv", column_map([*rest, "I (mA)=current_a"])), sample(), 1e-9
+    )
+    log = read_log(tmp_path / "a.csv", column_map([*rest, "I (mA):A=current_a"]))
+    assert np.allclose(log["current_a"], sample()["current_a"] * 1e3)
+
+
+def test_a_compressed_csv_is_read_and_a_damaged_one_refused(tmp_path: Path) -> None:
+    whole = gzip.compress(text_of(own(sample())).encode())
+    (tmp_path / "a.csv.gz").write_bytes(whole)
+    assert same(read_log(tmp_path / "a.csv.gz"), sample())
+    (tmp_path / "a.csv.gz").write_bytes(whole[: len(whole) // 2])
+    refused(tmp_path / "a.csv.gz", "damaged or truncated gzip")
+    (tmp_path / "a.csv.gz").write_text(text_of(own(sample())))
+    refused(tmp_path / "a.csv.gz", "does not match its ending .csv.gz")
+
+
+def test_a_map_names_columns_and_units(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text_of(foreign(sample()), ";", ","))
+    assert same(read_log(tmp_path / "a.csv", column_map(FOREIGN)), sample(), 1e-9)
+
+
+def test_a_mapping_file_does_the_same_and_options_replace_its_entries(tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text(
+        'schema = "vgroove.map/1"\n[columns]\ntime_s = "Time:ms"\nduty = "U_cmd"\n'
+        'current_a = { name = "I_motor", unit = "A" }\nspeed_rpm = "n:rad/s"\n'
+    )
+    columns = column_map(["I_motor:mA=current_a"], tmp_path / "map.toml")
+    assert set(columns.entries) == set(column_map(FOREIGN).entries)
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ('schema = "vgroove.map/2"', "schema"),
+        ('schema = "vgroove.map/1"\ncolumn = 1', "column"),
+        ('schema = "vgroove.map/1"\n[columns]\ncurent_a = "I"', "current_a"),
+        ('schema = "vgroove.map/1"\n[columns]\ncurrent_a = 3', "columns.current_a"),
+        ('schema = "vgroove.map/1"\n[columns]\ncurrent_a = "I:mV"', "no unit of current_a"),
+        ('schema = "vgroove.map/1"\ntime_base = 3', "time_base"),
+        ("schema =", "is not TOML"),
+    ],
+)
+def test_a_wrong_mapping_file_is_refused(tmp_path: Path, text: str, part: str) -> None:
+    (tmp_path / "map.toml").write_text(text)
+    with pytest.raises(VgrooveError, match=part) as caught:
+        column_map((), tmp_path / "map.toml")
+    assert "map.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("current_a", "NAME=COLUMN"),
+        ("=current_a", "NAME=COLUMN"),
+        ("I=curent_a", "near are current_a"),
+        ("I:mV=current_a", "no unit of current_a"),
+        ("Dev1:AI0=current_a", '"Dev1:AI0:=current_a"'),
+    ],
+)
+def test_a_wrong_map_option_is_refused(text: str, part: str) -> None:
+    with pytest.raises(VgrooveError) as caught:
+        column_map([text])
+    assert part in str(caught.value)
+    with pytest.raises(VgrooveError, match="given twice"):
+        column_map(["a=duty", "b=duty"])
+
+
+def test_a_name_with_a_colon_ends_in_one(tmp_path: Path) -> None:
+    columns = foreign(sample())
+    columns["Dev1:AI0"] = columns.pop("I_motor") / 1e3
+    (tmp_path / "a.csv").write_text(text_of(columns))
+    given = [t for t in FOREIGN if "I_motor" not in t] + ["Dev1:AI0:=current_a"]
+    assert same(read_log(tmp_path / "a.csv", column_map(given)), sample(), 1e-9)
+
+
+def test_a_missing_column_is_reported_with_the_nearest_names(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text_of(foreign(sample())))
+    refused(tmp_path / "a.csv", "time_s is missing", "Time: if", '--map "Time:UNIT=time_s"')
+    refused(
+        tmp_path / "a.csv",
+        "one input of duty",
+        "I_motor",
+        columns=column_map(["Time:ms=time_s"]),
+    )
+    refused(
+        tmp_path / "a.csv",
+        "has no column 'I_mot'",
+        "nearest are I_motor",
+        columns=column_map(["I_mot=current_a"]),
+    )
+
+
+def test_a_mapped_column_replaces_one_of_the_same_name(tmp_path: Path) -> None:
+    columns = own(sample()) | {"raw": sample()["current_a"] * 2.0}
+    (tmp_path / "a.csv").write_text(text_of(columns))
+    log = read_log(tmp_path / "a.csv", column_map(["raw=current_a"]))
+    assert np.allclose(log["current_a"], sample()["current_a"] * 2.0)
+    assert any("current_a is ignored" in warning for warning in log.warnings)
+
+
+CASES = [
+    (column, unit, f)
+    for column, own_unit in (
+        ("time_s", "s"),
+        ("current_a", "A"),
+        ("supply_v", "V"),
+        ("speed_rpm", "rpm"),
+        ("position_rad", "rad"),
+        ("load_nm", "Nm"),
+        ("hammer_mm", "mm"),
+        ("duty", ""),
+    )
+    for unit, f in UNITS[own_unit].items()
+]
+
+
+@given(st.sampled_from(CASES), st.floats(1e-6, 1e6), st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_a_number_before_a_unit_multiplies_it(case: tuple, number: float, minus: bool) -> None:
+    column, unit, factor = case
+    assert unit_factor(unit, column) == factor
+    sign = -1.0 if minus else 1.0
+    text = f"{'-' if minus else ''}{number!r} {unit}"
+    assert unit_factor(text, column) == pytest.approx(sign * number * factor)
+    assert unit_factor(f"-{unit or 1}", column) == pytest.approx(-factor)
+
+
+def test_units_are_those_of_physics() -> None:
+    assert unit_factor("rad/s", "speed_rpm") == pytest.approx(60 / (2 * np.pi))
+    assert unit_factor("deg/s", "speed_rpm") == pytest.approx(1 / 6)
+    assert unit_factor("°", "position_rad") == pytest.approx(np.pi / 180)
+    assert unit_factor("N mm", "load_nm") == 1e-3 and unit_factor("µs", "time_s") == 1e-6
+    assert unit_factor("5.6 rpm", "speed_rpm") == 5.6 and unit_factor("-1", "duty") == -1.0
+
+
+# MF4
+
+
+def mf4(path: Path, groups: list[list[Signal]]) -> Path:
+    with MDF(version="4.10") as mdf:
+        for signals in groups:
+            mdf.append(signals)
+        mdf.save(path, overwrite=True)
+    return path
+
+
+def test_an_mf4_with_other_names_its_own_units_and_a_group_a_signal_is_read(tmp_path: Path) -> None:
+    log = sample(400)
+    slow = slice(None, None, 4)
+    path = mf4(
+        tmp_path / "a.mf4",
+        [
+            [Signal(log["current_a"] * 1e3, log.time_s, name="I_motor", unit="mA")],
+            [Signal(log["speed_rpm"][slow], log.time_s[slow], name="n", unit="1/min")],
+            [Signal(log["duty"][slow], log.time_s[slow], name="U_cmd")],
+        ],
+    )
+    refused(path, "one input of duty", "I_motor", "--map")
+    back = read_log(path, column_map(["I_motor=current_a", "n=speed_rpm", "U_cmd=duty"]))
+    assert len(back) == 400 and np.allclose(back["current_a"], log["current_a"])
+    own_s = log.time_s[slow]
+    within = back.time_s <= own_s[-1]
+    line = np.interp(back.time_s, own_s, log["speed_rpm"][slow])
+    assert np.allclose(back["speed_rpm"][within], line[within])
+    assert np.isnan(back["speed_rpm"][~within]).all()  # no line beyond the last sample
+    held = log["duty"][slow][np.searchsorted(own_s, back.time_s, side="right") - 1]
+    assert np.allclose(back["duty"], held)
+    assert any("resampled" in warning and "n, U_cmd" in warning for warning in back.warnings)
+
+
+def test_the_time_base_can_be_declared(tmp_path: Path) -> None:
+    log, slow = sample(400), slice(None, None, 4)
+    path = mf4(
+        tmp_path / "a.mf4",
+        [
+            [Signal(log["current_a"], log.time_s, name="current_a", unit="A")],
+            [Signal(log["speed_rpm"][slow], log.time_s[slow], name="speed_rpm")],
+            [Signal(log["duty"], log.time_s, name="duty")],
+        ],
+    )
+    back = read_log(path, ColumnMap((), "speed_rpm"))
+    assert np.array_equal(back.time_s, log.time_s[slow])
+    assert np.allclose(back["current_a"], log["current_a"][slow])
+    with pytest.raises(VgrooveError, match="time_base; the nearest are speed_rpm"):
+        read_log(path, ColumnMap((), "speed"))
+
+
+def test_the_time_of_the_groups_may_be_named_in_the_map(tmp_path: Path) -> None:
+    log = sample()
+    path = mf4(
+        tmp_path / "a.mf4",
+        [[Signal(v, log.time_s * 1e3, name=n) for n, v in log.columns.items()]],
+    )
+    assert same(read_log(path, column_map(["time:ms=time_s"])), log)
+    with pytest.raises(VgrooveError, match="duty is no time of a channel group"):
+        read_log(path, column_map(["duty=time_s", "duty=duty"]))
+
+
+def test_a_hole_in_a_channel_stays_a_hole(tmp_path: Path) -> None:
+    log = sample(400)
+    kept = np.r_[0:100, 200:400]
+    path = mf4(
+        tmp_path / "a.mf4",
+        [
+            [Signal(log["duty"], log.time_s, name="duty")],
+            [Signal(log["current_a"][kept], log.time_s[kept], name="current_a")],
+        ],
+    )
+    missing = np.isnan(read_log(path)["current_a"])
+    assert missing[100:200].all() and not missing[:100].any() and not missing[200:].any()
+
+
+def test_an_unknown_unit_of_a_channel_is_reported(tmp_path: Path) -> None:
+    log = sample()
+    path = mf4(
+        tmp_path / "a.mf4",
+        [[Signal(log[n], log.time_s, name=n, unit="furlong") for n in log.columns]],
+    )
+    assert any("'furlong' of current_a is not known" in w for w in read_log(path).warnings)
+
+
+# MAT, Parquet, tables
+
+
+def test_a_mat_file_of_version_5_is_read(tmp_path: Path) -> None:
+    log = sample()
+    savemat(tmp_path / "a.mat", own(log) | {"note": "by hand", "k": 3.0})
+    assert same(read_log(tmp_path / "a.mat"), log)
+    savemat(tmp_path / "b.mat", {"run": {"data": foreign(log)}}, oned_as="column")
+    assert same(read_log(tmp_path / "b.mat", column_map(FOREIGN)), log, 1e-9)
+
+
+def test_a_mat_file_of_version_7_3_is_read(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    log, path = sample(), tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("run")
+        for name, values in foreign(log).items():
+            group[name] = values[None, :]
+        text = file.create_dataset("note", data=np.array([[72], [105]], np.uint16))
+        text.attrs["MATLAB_class"] = np.bytes_("char")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(head.ljust(512, b"\0") + path.read_bytes()[512:])
+    assert same(read_log(path, column_map(FOREIGN)), log, 1e-9)
+
+
+def test_a_parquet_file_is_read_with_its_missing_values(tmp_path: Path) -> None:
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    log = sample()
+    log.columns["current_a"][5] = np.nan
+    table = pa.table(own(log) | {"note": ["x"] * len(log)})
+    current = pa.array(log["current_a"], mask=np.isnan(log["current_a"]))
+    table = table.set_column(table.column_names.index("current_a"), "current_a", current)
+    parquet.write_table(table, tmp_path / "a.parquet")
+    back = read_log(tmp_path / "a.parquet")
+    assert same(back, log) and any("note" in warning for warning in back.warnings)
+
+
+@pytest.mark.parametrize(("name", "head"), [("a.mat", b"MATLAB 5.0"), ("a.parquet", b"PAR1")])
+def test_a_damaged_file_is_a_sentence(tmp_path: Path, name: str, head: bytes) -> None:
+    if name == "a.parquet":
+        pytest.importorskip("pyarrow")
+    (tmp_path / name).write_bytes(head + bytes(range(200)))
+    refused(tmp_path / name, "damaged or truncated")
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [("pyarrow", "a.parquet"), ("h5py", "a.mat")], ids=["pyarrow", "h5py"]
+)
+def test_a_missing_package_is_named_with_the_command(
+    tmp_path: Path, module: str, name: str
+) -> None:
+    head = {"a.parquet": b"PAR1", "a.mat": b"MATLAB 7.3 MAT-file"}[name]
+    (tmp_path / name).write_bytes(head + bytes(200))
+    code = (
+        f"import sys; sys.modules[{module!r}] = None\n"
+        "from vgroove.cli import main\n"
+        f"sys.argv = ['vgroove', 'log', 'check', {str(tmp_path / name)!r}]\nmain()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "pip install 'vgroove[formats]'" in done.stderr, done.stderr
+
+
+TABLES: dict[str, Callable[[dict], object]] = {
+    "a dict": lambda columns: columns,
+    "a dict of lists": lambda columns: {n: list(v) for n, v in columns.items()},
+    "a DataFrame": pd.DataFrame,
+    "a DataFrame with the time as index": lambda c: pd.DataFrame(c).set_index(next(iter(c))),
+    "a structured array": lambda c: np.rec.fromarrays(list(c.values()), names=list(c)),
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_a_table_of_python_is_a_log(kind: str) -> None:
+    log = sample()
+    assert same(as_log(TABLES[kind](own(log))), log)
+    assert same(as_log(TABLES[kind](foreign(log)), column_map(FOREIGN)), log, 1e-9)
+    assert len(as_list(TABLES[kind](own(log)))) == 1
+
+
+def test_a_table_that_is_no_log_is_refused() -> None:
+    with pytest.raises(VgrooveError, match="a DataFrame or a dict of arrays"):
+        as_log(3)
+    with pytest.raises(VgrooveError, match="current_a has 3 samples"):
+        as_log(own(sample()) | {"current_a": np.zeros(3)})
+    with pytest.raises(VgrooveError, match="column duty: its samples are not numbers"):
+        as_log(own(sample()) | {"duty": ["x"] * 80})
+    assert as_list([1, 2]) == [1, 2] and as_list("a.csv") == ["a.csv"]
+
+
+def test_pandas_is_not_imported() -> None:
+    code = "import vgroove.log, vgroove.gap.stages, sys; assert 'pandas' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_every_command_that_reads_logs_takes_the_map(tmp_path: Path) -> None:
+    log = read_log(PRACTICE / "log.csv")
+    path, rig, out = tmp_path / "a.csv", PRACTICE / "rig.toml", tmp_path / "out.json"
+    short = replace(
+        log,
+        time_s=log.time_s[:1500],
+        columns={n: log[n][:1500] for n in ("duty", "current_a", "speed_rpm")},
+    )
+    path.write_text(text_of(foreign(short), ";", ","))
+    write_csv(short, tmp_path / "own.csv")
+    maps = [part for text in FOREIGN for part in ("--map", text)]
+
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [VGROOVE, *map(str, arguments)], capture_output=True, text=True, check=False
+        )
+
+    for command in (("log", "check", path, "--rig", rig), ("sim", rig, "--log", path)):
+        assert run(*command).returncode == 2
+        done = run(*command, *maps, "--json", out)
+        assert done.returncode == 0, done.stderr
+    gap = json.loads(out.read_text())["gap"]
+    assert run("sim", rig, "--log", tmp_path / "own.csv", "--json", out).returncode == 0
+    assert gap == pytest.approx(json.loads(out.read_text())["gap"], rel=1e-6)
+    done = run("gap", "diagnose", path, "--rig", rig, *maps, "--json", out)
+    assert done.returncode == 0 and json.loads(out.read_text())["schema"] == "vgroove.gap/1"
+
+
+def test_a_large_file_costs_little_more_than_its_numbers(tmp_path: Path) -> None:
+    """A million rows and five columns take 1.3 s of processor time."""
+    rows = 100_000
+    table = np.random.default_rng(1).normal(0.0, 5.0, (rows, 4)).round(2)
+    columns = dict(zip(("duty", "supply_v", "current_a", "speed_rpm"), table.T, strict=True))
+    write_csv(Log(np.arange(1, rows + 1) / 1000, columns, "x"), tmp_path / "a.csv")
+    taken = []
+    for _ in range(3):
+        begin = time.process_time()
+        read_log(tmp_path / "a.csv")
+        taken.append(time.process_time() - begin)
+    assert min(taken) < 0.25
+
+
+def test_the_mapping_file_of_the_page_is_one(tmp_path: Path) -> None:
+    page = (ROOT / "docs/input_format.md").read_text()
+    (text,) = re.findall(r'```toml\n(schema = "vgroove.map/1".*?)```', page, re.DOTALL)
+    (tmp_path / "map.toml").write_text(text)
+    columns = column_map((), tmp_path / "map.toml")
+    assert columns.time_base == "I_motor" and len(columns.entries) == 3
+    for option in re.findall(r'--map "([^"]+)"', page):
+        assert column_map([option]).entries

@@ -1,0 +1,191 @@
+"""A log with units, signs or a time base that make a diagnosis wrong, and one given twice, are
+refused with the mend; no log of a tool is that only differs from its rig.
+"""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from made_log import drive_log, rig
+from telemetry_board import ROOT
+from vgroove.cli import app
+from vgroove.errors import VgrooveError
+from vgroove.gap.log_check import check_log, checked_logs
+from vgroove.gap.log_check.compared import refuse_uncompared
+from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN
+from vgroove.gap.log_check.plausible import TIME_UNITS
+from vgroove.log import Log, read_log, write_csv
+from vgroove.log.units_of_columns import unit_factor
+from vgroove.rig import Rig, read_rig
+
+LOGS = sorted((ROOT / "tests/data").rglob("log*.csv"))
+PRACTICE = ROOT / "tests/data/practice/practice_006"
+ALTERED = (
+    "motor.resistance_ohm",
+    "motor.inductance_h",
+    "motor.torque_constant_nm_per_a",
+    "motor.inertia_kg_m2",
+    "motor.viscous_nm_s_per_rad",
+    "motor.coulomb_nm",
+    "gearbox.output_inertia_kg_m2",
+)
+LEVELS = (None, [(0.3, 0.3)], [(0.3, -0.4), (1.0, 0.5), (2.0, -0.8)], [(0.3, 1.0), (1.5, 0.0)])
+
+
+def without_rate(tool: Rig) -> Rig:
+    """The rig without log_hz."""
+    return replace(tool, sensors={k: v for k, v in tool.sensors.items() if k != "log_hz"})
+
+
+def scaled(log: Log, column: str, factor: float) -> Log:
+    """The log with a column, or its time, times a factor."""
+    if column == "time_s":
+        return replace(log, time_s=log.time_s * factor, warnings=[])
+    return replace(log, columns={**log.columns, column: log.columns[column] * factor}, warnings=[])
+
+
+def practice() -> tuple[Log, Rig]:
+    return read_log(PRACTICE / "log.csv"), read_rig(PRACTICE / "rig.toml")
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "vgroove.cli", *arguments], capture_output=True, text=True
+    )
+
+
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: f"{path.parent.name}/{path.name}")
+@pytest.mark.parametrize("rate", [True, False], ids=["log_hz", "no log_hz"])
+def test_the_logs_of_the_tree_are_not_refused(path: Path, rate: bool) -> None:
+    tool = read_rig(path.parent / "rig.toml")
+    check = check_log(read_log(path), tool if rate else without_rate(tool))
+    assert not check.refused, check.findings
+
+
+def test_altered_tools_are_not_refused() -> None:
+    rng, nominal = np.random.default_rng(5), rig()
+    for k in range(40):
+        values = {key: nominal.value(key) * rng.uniform(0.5, 1.5) for key in ALTERED}
+        values["supply.voltage_v"] = 18.0 * rng.uniform(0.7, 1.3)
+        made = drive_log(nominal.with_values(values), seed=k, seconds=3.0, levels=LEVELS[k % 4])
+        gains = {c: made.columns[c] * rng.uniform(0.7, 1.3) for c in ("current_a", "speed_rpm")}
+        log = Log(made.time_s, {**made.columns, **gains}, "altered")
+        check = check_log(log, nominal if k % 2 else without_rate(nominal))
+        assert not check.refused, (values, check.findings)
+
+
+UNITS = [
+    ("current_a", 1e3, "current_a:mA=current_a"),
+    ("current_a", -1.0, "current_a:-A=current_a"),
+    ("current_a", -1e3, "current_a:-mA=current_a"),
+    ("supply_v", 1e3, "supply_v:mV=supply_v"),
+    ("speed_rpm", np.pi / 30.0, "speed_rpm:rad/s=speed_rpm"),
+    ("speed_rpm", 1.0 / 60.0, "speed_rpm:rev/s=speed_rpm"),
+    ("speed_rpm", 2.0 * np.pi, "speed_rpm:rad/min=speed_rpm"),
+    ("speed_rpm", 30.0 / np.pi, "speed_rpm:0.1047198 rpm=speed_rpm"),
+    ("speed_rpm", 60.0, "speed_rpm:0.01666667 rpm=speed_rpm"),
+    ("speed_rpm", -1.0, "speed_rpm:-rpm=speed_rpm"),
+    ("speed_rpm", 1.0 / 9.0, "gearbox.ratio 9"),  # 60 / (2 pi) is 9.55, 6 % away
+    ("duty", -1.0, "duty:-1=duty"),
+    ("time_s", 1e3, "time_s:ms=time_s"),
+    ("time_s", 1e6, "time_s:us=time_s"),
+    ("current_a", 1e20, "more than any tool"),
+]
+
+
+@pytest.mark.parametrize(("column", "factor", "mend"), UNITS)
+def test_a_wrong_unit_or_sign_is_named_with_its_mend(column: str, factor: float, mend: str) -> None:
+    log, tool = practice()
+    with pytest.raises(VgrooveError) as caught:
+        checked_logs([scaled(log, column, factor)], tool)
+    assert mend in str(caught.value) and "--as-is" in str(caught.value)
+    assert checked_logs([scaled(log, column, factor)], tool, as_is=True)
+
+
+def test_each_unit_that_a_message_names_is_one_that_the_map_reads() -> None:
+    ratio = practice()[1].gearbox["ratio"]
+    written = {
+        (c, name): f for c, units in COLUMN_UNITS_WRITTEN.items() for f, name in units.items()
+    }
+    written |= {("time_s", name): factor for factor, name in TIME_UNITS.items()}
+    written |= {("speed_rpm", f"{ratio:g} rpm"): 1.0 / ratio, ("duty", "-1"): -1.0}
+    for (column, name), factor in written.items():
+        assert unit_factor(name, column) * factor == pytest.approx(1.0), (column, name)
+
+
+def test_a_factor_of_a_tool_is_no_unit() -> None:
+    log, tool = practice()
+    for factor in (0.7, 1.3, 0.4, 2.5):
+        assert not check_log(scaled(log, "speed_rpm", factor), tool).findings
+    off = check_log(scaled(log, "speed_rpm", 1.1 / 60.0), tool)
+    assert not off.refused and "rev/s" in off.findings[0].text
+
+
+def test_times_in_ms_are_seen_without_a_stated_rate() -> None:
+    log, tool = practice()
+    with pytest.raises(VgrooveError, match="time_s:ms=time_s"):
+        checked_logs([scaled(log, "time_s", 1e3)], without_rate(tool))
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(2.9, False), (3.1, True), (1 / 3.1, True)])
+def test_a_rate_far_from_the_rigs_is_refused(factor: float, refused: bool) -> None:
+    log, tool = practice()
+    stated = replace(tool, sensors={**tool.sensors, "log_hz": 1000.0 / factor})
+    findings = [f for f in check_log(log, stated).findings if "log_hz" in f.text]
+    assert bool(findings) == refused
+
+
+def test_the_same_log_twice_is_refused_by_its_content(tmp_path: Path) -> None:
+    log, tool = practice()
+    shifted = replace(log, time_s=log.time_s + 5.0, source="copy")
+    for as_is in (False, True):
+        with pytest.raises(VgrooveError, match="copy: holds the same samples as"):
+            checked_logs([log, shifted], tool, as_is)
+    assert len(checked_logs([log, scaled(log, "speed_rpm", 1.001)], tool)) == 2
+
+
+def test_a_column_without_a_compared_sample_is_refused() -> None:
+    class Problem:
+        """Two columns, of which the second is nowhere judged."""
+
+        theta0 = None
+        signals = (type("S", (), {"column": "current_a"}), type("S", (), {"column": "speed_rpm"}))
+        signal, judged = np.array([0, 0, 1]), np.array([True, True, False])
+        logs = (type("L", (), {"source": "a.csv"}),)
+
+        def residuals(self, theta: None) -> list[np.ndarray]:
+            return [np.ones(3)]
+
+        def squared(self, residual: np.ndarray) -> np.ndarray:
+            return residual**2
+
+    with pytest.raises(VgrooveError, match="no sample of speed_rpm"):
+        refuse_uncompared(Problem())
+
+
+def test_the_command_prints_facts_and_writes_them(tmp_path: Path) -> None:
+    path = tmp_path / "check.json"
+    arguments = ["log", "check", f"{PRACTICE / 'log.csv'}", "--rig", f"{PRACTICE / 'rig.toml'}"]
+    done = CliRunner().invoke(app, [*arguments, "--json", str(path)])
+    assert done.exit_code == 0 and "6000 rows" in done.stdout, done.output
+    facts = json.loads(path.read_text())
+    assert facts["interval_s"] == pytest.approx(1e-3) and not facts["refused"]
+
+
+def test_commands_end_with_2_for_a_wrong_unit_unless_it_is_wanted(tmp_path: Path) -> None:
+    rig_path, wrong = str(PRACTICE / "rig.toml"), tmp_path / "mA.csv"
+    write_csv(scaled(practice()[0], "current_a", 1e3), wrong)
+    done = run("gap", "diagnose", str(wrong), "--rig", rig_path, "--json", f"{tmp_path / 'v.json'}")
+    assert done.returncode == 2 and "current_a:mA=current_a" in done.stderr, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["mA.csv"]
+    check = ["log", "check", str(wrong), "--rig", rig_path]
+    simulate = ["sim", rig_path, "--log", str(wrong)]
+    for given in (check, simulate):
+        assert isinstance(CliRunner().invoke(app, given).exception, VgrooveError)
+    assert CliRunner().invoke(app, [*simulate, "--as-is"]).exit_code == 0
