@@ -20,8 +20,10 @@ void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count) {
 }
 
 void trigger_set_travel(Trigger *self, uint16_t counts) {
-    const uint16_t hysteresis = self->travel_q15 > 0 ? 0u : TRIGGER_HYSTERESIS_COUNT;
-    const uint16_t begin = (uint16_t)(self->low_count + hysteresis);
+    uint16_t begin = self->low_count;
+    if (self->travel_q15 == 0) {
+        begin += TRIGGER_HYSTERESIS_COUNT;
+    }
     if (counts <= begin) {
         self->travel_q15 = 0;
     } else if (counts >= self->high_count) {
