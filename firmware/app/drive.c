@@ -42,7 +42,9 @@ static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15, int16_t 
         app->ramp_q15 = resumed_duty(app, speed_rpm_q1);
         app->heavy = true;  // by the division
     }
-    app->ramp_q15 = slew_towards(app->ramp_q15, wanted_q15, app->slew_q15);
+    const bool releases = command == MODES_COMMAND_RAMP_DOWN;
+    app->ramp_q15 =
+        slew_towards(app->ramp_q15, wanted_q15, releases ? app->run_down_q15 : app->slew_q15);
     return app->ramp_q15;
 }
 
@@ -101,6 +103,9 @@ int16_t drive_step(App *app) {
     ControllerInputs *const in = &app->control.in;
     in->trigger_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app);
     in->travel_q15 = ramp(app, command, in->trigger_q15, speed_rpm_q1);
+    if (command == MODES_COMMAND_RAMP_DOWN && in->travel_q15 == 0) {
+        return coast(app);  // no braking after the run-down
+    }
     in->speed_rpm_q1 = speed_rpm_q1;
     in->current_a_q9 = along(app, app->measured.current_a_q9);
     in->supply_mv = app->measured.supply_mv;

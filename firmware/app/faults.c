@@ -60,8 +60,8 @@ static void count_conditions(Faults *self, const Measurement *m, const FaultLimi
     const bool hot = m->temperature_c_q4 > limits->over_temperature_c_q4;
     self->over_temperature_ms =
         held_for(hot && !m->temperature_lost, self->over_temperature_ms, OVER_TEMPERATURE_MS);
-    self->temperature_lost_ms =
-        held_for(m->temperature_lost, self->temperature_lost_ms, OVER_TEMPERATURE_MS);
+    self->sensor_lost_ms =
+        held_for(m->temperature_lost || m->trigger_lost, self->sensor_lost_ms, OVER_TEMPERATURE_MS);
 }
 
 static uint8_t bit_if(bool holds, uint8_t bit) {
@@ -76,7 +76,7 @@ void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits,
     active |= bit_if(self->under_voltage_ms >= UNDER_VOLTAGE_MS, TELEMETRY_FAULTS_UNDER_VOLTAGE);
     active |=
         bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
-    active |= bit_if(self->temperature_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible,
+    active |= bit_if(self->sensor_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible,
                      TELEMETRY_FAULTS_SENSOR_LOST);
     active |= bit_if(m->adc.lost, TELEMETRY_FAULTS_ADC_CADENCE);
     active |= bit_if(self->overrun, TELEMETRY_FAULTS_OVERRUN);

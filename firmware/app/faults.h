@@ -5,7 +5,7 @@
 // | under_voltage    | bus voltage below the limit for 10 ms                                     |
 // | stall            | duty of 6 % or more, no edge for the stall time, current as at rest       |
 // | sensor_lost      | the same with the current of a turning shaft; temperature or current      |
-// |                  | sensor out of range                                                       |
+// |                  | sensor out of range; trigger at more than half with an open contact       |
 // | over_temperature | bridge above the limit for 100 ms                                         |
 // | adc_cadence      | the ring holds more or fewer samples than were scheduled for the tick     |
 // | overrun          | a tick began more than two ticks late                                     |
@@ -35,7 +35,7 @@ typedef struct {
     uint8_t latched;
     uint8_t under_voltage_ms;
     uint8_t over_temperature_ms;
-    uint8_t temperature_lost_ms;
+    uint8_t sensor_lost_ms;
     uint16_t no_edge_ms;       // driven without an edge; ticks with an open bridge or a low duty
                                // do not count and do not reset it
     uint8_t settled_ms;        // since the bridge was last open, up to FAULTS_SETTLED_MS

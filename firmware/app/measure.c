@@ -52,6 +52,7 @@ void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *cur
         trigger_set_travel(trigger, self->adc.latest[HAL_ADC_TRIGGER]);
     }
     if (fresh(&self->adc, HAL_ADC_TEMPERATURE)) {
+        self->trigger_lost = trigger_implausible(trigger);  // with the slowest channel: few ticks
         take_temperature(self, self->adc.latest[HAL_ADC_TEMPERATURE]);
     }
 }

@@ -18,6 +18,7 @@ typedef struct {
     int16_t temperature_c_q4;
     uint8_t flags;  // TELEMETRY_FLAGS_* of this tick
     AdcTick adc;    // of this tick
+    bool trigger_lost;
     bool temperature_lost;
     bool standstill;  // by the Hall sensor alone, then by standstill.h
 } Measurement;

@@ -12,9 +12,10 @@
 //   any        FAULT      a fault is latched
 //   FAULT      IDLE       contact open, no fault condition present
 //
-// The bridge is driven in DRIVE, ramped down in RELEASE (parameter release_mode), open otherwise.
-// armed: the contact was open at least once since the start, the last fault, the last stop and the
-// last change of direction. The direction switch takes effect in IDLE at standstill only.
+// The bridge is driven in DRIVE, open otherwise; in RELEASE with the parameter release_mode 1 the
+// duty falls to 0 first, within 300 ms. armed: the contact was open at least once since the start,
+// the last fault, the last stop and the last change of direction. The direction switch takes effect
+// in IDLE at standstill only.
 #ifndef VGROOVE_APP_MODES_H
 #define VGROOVE_APP_MODES_H
 

@@ -32,8 +32,13 @@ static const Limits limits[PARAM_COUNT] FLASH_TABLE = {PARAM_LIST(PARAM_LIMITS)}
 // Number of parameters in a set of an older version.
 #define PARAM_IN_1(name, unit, initial, least, greatest, version) +((version) <= 1u ? 1u : 0u)
 #define PARAM_IN_2(name, unit, initial, least, greatest, version) +((version) <= 2u ? 1u : 0u)
-enum { COUNT_1 = 0u PARAM_LIST(PARAM_IN_1), COUNT_2 = 0u PARAM_LIST(PARAM_IN_2) };
-_Static_assert(PARAM_VERSION == 3u, "a count for each older version");
+#define PARAM_IN_3(name, unit, initial, least, greatest, version) +((version) <= 3u ? 1u : 0u)
+enum {
+    COUNT_1 = 0u PARAM_LIST(PARAM_IN_1),
+    COUNT_2 = 0u PARAM_LIST(PARAM_IN_2),
+    COUNT_3 = 0u PARAM_LIST(PARAM_IN_3)
+};
+_Static_assert(PARAM_VERSION == 4u, "a count for each older version");
 
 // 0 for a version that this firmware does not know.
 static uint8_t count_of_version(uint8_t version) {
@@ -42,6 +47,8 @@ static uint8_t count_of_version(uint8_t version) {
         return COUNT_1;
     case 2:
         return COUNT_2;
+    case 3:
+        return COUNT_3;
     case PARAM_VERSION:
         return PARAM_COUNT;
     }
@@ -139,8 +146,11 @@ bool param_try(ParamStore *self, ParamIndex index, int32_t value) {
 }
 
 bool param_set(ParamStore *self, ParamIndex index, int32_t value) {
+    const int16_t before = index < PARAM_COUNT ? self->value[index] : 0;
     const bool taken = param_try(self, index, value);
-    self->step = taken ? STEP_VOID : self->step;
+    if (taken && self->value[index] != before) {
+        self->step = STEP_VOID;  // an equal value wears no EEPROM cell
+    }
     return taken;
 }
 

@@ -11,7 +11,7 @@
 
 #include "telemetry/telemetry_signals.h"
 
-#define PARAM_VERSION 3u
+#define PARAM_VERSION 4u
 
 // clang-format off
 #define PARAM_LIST(X)                                                                            \
@@ -118,6 +118,8 @@
     X(DRILL_PULSE,               "1",        0,     0,    1,     3)                              \
       /* 1: pulse mode above 15 A */                                                             \
     X(DRILL_KICKBACK,            "1",        1,     0,    1,     3) /* 1: anti-kickback */       \
+    X(RUN_DOWN_PER_MS_Q15,       "1/ms",     197,   110,  32767, 4)                              \
+      /* release_mode 1: rate at which the duty falls, 0 within 300 ms */                        \
     /* end of the list */
 // clang-format on
 

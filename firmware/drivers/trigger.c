@@ -20,7 +20,11 @@ void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count) {
 }
 
 void trigger_set_travel(Trigger *self, uint16_t counts) {
-    if (counts <= self->low_count) {
+    uint16_t begin = self->low_count;
+    if (self->travel_q15 == 0) {
+        begin += TRIGGER_HYSTERESIS_COUNT;
+    }
+    if (counts <= begin) {
         self->travel_q15 = 0;
     } else if (counts >= self->high_count) {
         self->travel_q15 = INT16_MAX;
@@ -67,4 +71,8 @@ uint8_t trigger_mode(const Trigger *self) {
 
 bool trigger_pressed(const Trigger *self) {
     return trigger_contact(self) && self->travel_q15 > 0;
+}
+
+bool trigger_implausible(const Trigger *self) {
+    return !trigger_contact(self) && self->travel_q15 > INT16_MAX / 2;
 }

@@ -7,14 +7,18 @@
 #include <stdint.h>
 
 #define TRIGGER_DEBOUNCE_TICKS 5u
+// Counts beyond the lower dead band at which a travel begins; it ends in the dead band. Noise of
+// the converter is one count, so that a trigger held at the edge does not open and close the
+// bridge.
+#define TRIGGER_HYSTERESIS_COUNT 4u
 
 typedef struct {
     uint16_t low_count;   // end of the lower dead band
     uint16_t high_count;  // start of the upper one
     uint32_t factor_q7;   // 2^22 / (high - low): travel per count in Q22
-    int16_t travel_q15;
-    uint8_t stable;    // debounced, HAL_SWITCH_*
-    uint8_t ticks[3];  // bit planes of the time for which each switch has differed from `stable`
+    int16_t travel_q15;   // 0 until the travel has begun
+    uint8_t stable;       // debounced, HAL_SWITCH_*
+    uint8_t ticks[3];     // bit planes of the time for which each switch has differed from `stable`
 } Trigger;
 
 // Starts with the contact closed: a tool that is switched on with the trigger pressed must not
@@ -30,5 +34,9 @@ uint8_t trigger_mode(const Trigger *self);
 
 // Pressed: contact closed and travel beyond the lower dead band.
 bool trigger_pressed(const Trigger *self);
+
+// Contact open at more than half of the travel: the contact closes at its beginning, so that the
+// potentiometer is broken on its ground side, or the contact does not close.
+bool trigger_implausible(const Trigger *self);
 
 #endif

@@ -133,7 +133,7 @@ def _frames() -> list[tuple[float, bytes]]:
         frame(2.5, "SETPOINT", setpoint_which=0, setpoint_value=20000, setpoint_sequence=5),
         (time_s, damaged[:9] + bytes([damaged[9] ^ 0x10]) + damaged[10:]),
         frame(3.8, "SET_MODE", mode_request=0, mode_sequence=6),
-        frame(4.4, "PARAM_WRITE", write_index=slew, write_value=197, write_sequence=7),
+        frame(4.4, "PARAM_WRITE", write_index=slew, write_value=196, write_sequence=7),
         frame(6.3, "CALIBRATE", calibrate_what=0, calibrate_sequence=8),
         frame(8.5, "DUMP", dump_sequence=10),
     ]

@@ -293,3 +293,14 @@ def test_status_names_on_the_wire_are_those_of_the_store() -> None:
     order = [name.lower() for name in re.findall(r"PARAM_(\w+),", enumeration.group(1))]
     assert order
     assert order == [str(choices[k]) for k in range(len(order))]
+
+
+def test_an_equal_value_writes_no_byte() -> None:
+    store = load()
+    index = next(n for n, p in enumerate(LIST) if p.name == "stall_ms")
+    assert save(store, index, DEFAULTS[index] + 1)
+    before = eeprom_get()
+    assert library().param_set(ctypes.byref(store), index, ctypes.c_int32(DEFAULTS[index] + 1))
+    assert not library().param_saving(ctypes.byref(store))
+    assert eeprom_get() == before
+    assert save(store, index, DEFAULTS[index]) and eeprom_get() != before

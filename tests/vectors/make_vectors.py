@@ -64,10 +64,10 @@ def temperature_c_q4(counts: int) -> int:
 
 
 def travel_q15(counts: int, low: int) -> int:
-    """Travel for an upper dead band at low + 820, with the firmware's factor truncated to 7 binary
-    places.
+    """Travel for an upper dead band at low + 820, pressed from rest: 0 up to 4 counts beyond the
+    lower one; the firmware's factor is truncated to 7 binary places.
     """
-    if counts <= low:
+    if counts <= low + 4:
         return 0
     return (
         32767 if counts >= low + 820 else floor(Fraction((counts - low) * ((1 << 22) // 820), 128))
@@ -117,7 +117,7 @@ def cases() -> list[tuple[str, int, int, int]]:
     out += [
         ("TRAVEL", c, low, travel_q15(c, low))
         for low in (0, 100)
-        for c in (low, low + 1, 410 + low, low + 819, low + 820, 1023)
+        for c in (low, low + 4, low + 5, 410 + low, low + 819, low + 820, 1023)
     ]
     periods = (14648, 14649, 15238, 16000, 65535, 65536, 65537, 100000, 1000003, 4000000, 4799999)
     out += [

@@ -311,6 +311,53 @@ TEST_F(RunTest, ARampedReleaseStartsAtTheDutyOfTheControllerInAnyMode) {
     }
 }
 
+// For every accepted value of the rates and in every mode: after the release no duty above that of
+// the release, none after 300 ms, and an open bridge from then on.
+TEST_F(RunTest, ARampedReleaseEndsWithin300MsWhateverTheParameters) {
+    for (int mode = 0; mode <= static_cast<int>(TELEMETRY_MODE_MAX); ++mode) {
+        if (!control_has(static_cast<uint8_t>(mode)))
+            continue;
+        for (const auto &[press_rate, run_down] :
+             {std::pair{1, 110}, {1, 32767}, {197, 110}, {197, 197}, {32767, 110}}) {
+            start_with({{PARAM_MODE, mode},
+                        {PARAM_RELEASE_MODE, 1},
+                        {PARAM_SLEW_PER_MS_Q15, press_rate},
+                        {PARAM_RUN_DOWN_PER_MS_Q15, run_down},
+                        {PARAM_FOLDBACK_A_Q9, 5120}});
+            run(0.5);
+            press(1.0);
+            run(0.8);
+            press(0.0);
+            fast.clear();
+            run(0.01);
+            const int released = std::max(fast.back().compare, 0);
+            fast.clear();
+            run(0.295);
+            for (const Fast &f : fast)
+                ASSERT_LE(f.compare, released) << mode << ' ' << press_rate << ' ' << run_down;
+            for (const double end = now_s + 0.5; now_s < end;) {
+                ASSERT_NE(out.coast, 0) << mode << ' ' << press_rate << ' ' << run_down;
+                run(0.01);
+            }
+        }
+    }
+}
+
+// A potentiometer that is broken on its ground side reads 1023 counts: a fault before the contact
+// closes, and no drive afterwards.
+TEST_F(RunTest, ABrokenPotentiometerIsAFaultAndDoesNotDrive) {
+    run(0.3);
+    in.adc_counts[SIM_ADC_TRIGGER] = 1023;
+    run(0.2);
+    EXPECT_EQ(faults(), TELEMETRY_FAULTS_SENSOR_LOST);
+    in.switches = SIM_SWITCH_CONTACT;
+    for (int n = 0; n < 50; ++n) {
+        run(0.01);
+        ASSERT_NE(out.coast, 0) << n;
+    }
+    EXPECT_EQ(state(), TELEMETRY_STATE_FAULT);
+}
+
 TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
     run(0.5);
     press(0.6);

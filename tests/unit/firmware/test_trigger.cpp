@@ -1,6 +1,8 @@
 // Trigger: dead bands, travel, debouncing of each switch.
 #include <gtest/gtest.h>
 
+#include <random>
+
 extern "C" {
 #include "drivers/trigger.h"
 #include "hal/hal.h"
@@ -17,7 +19,7 @@ Trigger trigger(uint16_t low = 100, uint16_t high = 920) {
 TEST(Trigger, TravelIsLinearBetweenTheDeadBands) {
     for (const auto &[low, high] : {std::pair{100, 920}, {500, 523}, {0, 1023}}) {
         Trigger self = trigger(static_cast<uint16_t>(low), static_cast<uint16_t>(high));
-        for (int counts = 0; counts <= 1023; ++counts) {
+        for (int counts = 1023; counts >= 0; --counts) {
             trigger_set_travel(&self, static_cast<uint16_t>(counts));
             const double share = counts <= low    ? 0.0
                                  : counts >= high ? 1.0
@@ -28,16 +30,48 @@ TEST(Trigger, TravelIsLinearBetweenTheDeadBands) {
     }
 }
 
-TEST(Trigger, DeadBandEndsAtItsCount) {
+TEST(Trigger, ATravelBeginsBeyondTheDeadBandAndEndsInIt) {
     Trigger self = trigger();
-    trigger_set_travel(&self, 100);
-    EXPECT_EQ(self.travel_q15, 0);
-    trigger_set_travel(&self, 101);
-    EXPECT_GT(self.travel_q15, 0);
+    for (const auto &[counts, begun] : {std::pair{100, false},
+                                        {104, false},
+                                        {105, true},
+                                        {101, true},
+                                        {100, false},
+                                        {101, false}}) {
+        trigger_set_travel(&self, static_cast<uint16_t>(counts));
+        EXPECT_EQ(self.travel_q15 > 0, begun) << counts;
+    }
     trigger_set_travel(&self, 919);
     EXPECT_LT(self.travel_q15, 32767);
     trigger_set_travel(&self, 920);
     EXPECT_EQ(self.travel_q15, 32767);
+}
+
+// A trigger held anywhere at the edge, with noise of one count either way: pressed once at most.
+TEST(Trigger, NoiseAtTheEdgeOfTheDeadBandDoesNotRepeatThePress) {
+    std::mt19937 rng(1);
+    for (int held = 98; held <= 108; ++held) {
+        Trigger self = trigger();
+        int changes = 0;
+        for (int n = 0; n < 2000; ++n) {
+            const bool before = self.travel_q15 > 0;
+            trigger_set_travel(&self,
+                               static_cast<uint16_t>(held + static_cast<int>(rng() % 3) - 1));
+            changes += before != (self.travel_q15 > 0) ? 1 : 0;
+        }
+        EXPECT_LE(changes, 1) << held;
+    }
+}
+
+TEST(Trigger, ATravelBeyondHalfWithAnOpenContactIsImplausible) {
+    Trigger self = trigger();
+    trigger_set_travel(&self, 500);
+    EXPECT_FALSE(trigger_implausible(&self));
+    trigger_set_travel(&self, 1023);
+    EXPECT_TRUE(trigger_implausible(&self));
+    for (int k = 0; k < 5; ++k)
+        trigger_set_switches(&self, HAL_SWITCH_CONTACT);
+    EXPECT_FALSE(trigger_implausible(&self));
 }
 
 TEST(Trigger, EachSwitchIsDebouncedIndependently) {
