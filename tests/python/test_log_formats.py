@@ -470,8 +470,8 @@ def test_every_command_that_reads_logs_takes_the_map(tmp_path: Path) -> None:
     path, rig, out = tmp_path / "a.csv", PRACTICE / "rig.toml", tmp_path / "out.json"
     short = replace(
         log,
-        time_s=log.time_s[:1500],
-        columns={n: log[n][:1500] for n in ("duty", "current_a", "speed_rpm")},
+        time_s=log.time_s[:800],
+        columns={n: log[n][:800] for n in ("duty", "current_a", "speed_rpm")},
     )
     path.write_text(text_of(foreign(short), ";", ","))
     write_csv(short, tmp_path / "own.csv")

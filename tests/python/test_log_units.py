@@ -123,7 +123,7 @@ def test_a_factor_of_a_tool_is_no_unit() -> None:
     log, tool = practice()
     for factor in (0.7, 1.3, 0.4, 2.5):
         assert not check_log(scaled(log, "speed_rpm", factor), tool).findings
-    off = check_log(scaled(log, "speed_rpm", 1.1 / 60.0), tool)
+    off = check_log(scaled(log, "speed_rpm", 1.3 / 60.0), tool)
     assert not off.refused and "rev/s" in off.findings[0].text
 
 

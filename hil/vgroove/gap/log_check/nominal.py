@@ -30,7 +30,7 @@ class Pair:
     measured: np.ndarray
     nominal: np.ndarray
 
-    def loud(self, least: float = 0.2) -> np.ndarray:
+    def large(self, least: float = 0.2) -> np.ndarray:
         """Rows (rows,) in which the nominal signal is above this share of its maximum."""
         known = np.isfinite(self.measured) & np.isfinite(self.nominal)
         size = np.abs(self.nominal)
