@@ -32,6 +32,7 @@ from vgroove.gap.verdict.location import largest_share, regime_shares, shapley_s
 from vgroove.gap.verdict.remainder import Remainder, correlate_shares, remaining, unexplained
 from vgroove.gap.verdict.row_delay import row_delay_remarks, row_interval_s
 from vgroove.gap.verdict.schema import NextExperiment, Where
+from vgroove.gap.verdict.unnamed_shares import unnamed_share_remarks
 from vgroove.log import NO_MAP, as_log
 from vgroove.rig import Rig
 
@@ -165,6 +166,7 @@ def state_verdict(
     fitted = {effect.id: effect.parameters for effect in effects if effect.id in names}
     holds_after = problem.rig.command_holds_after
     remarks = row_delay_remarks(fitted, row_interval_s(problem), holds_after)
+    remarks += unnamed_share_remarks(where.share, names)
     return Verdict(
         verdict=finding.verdict,
         selected=names,
