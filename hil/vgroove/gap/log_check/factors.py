@@ -31,8 +31,8 @@ class FactorRules:
     parameters off by up to 50 %, gains by up to 30 % (tests/python/test_log_units.py).
     """
 
-    # relative, of a factor that a faulty tool could come near: with 0.03 five of 93 logs in rad/s of
-    # altered tools are refused, since their speeds differ from the rig's by more
+    # relative, of a factor that a faulty tool could come near; with 0.03 only five of 93 logs in
+    # rad/s of altered tools are refused, since their speeds differ from the rig's by more
     tolerance: float = 0.10
     # factor by which 1000 and -1 may be missed, which no tool comes near
     wide: float = 3.0
