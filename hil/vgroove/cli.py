@@ -14,6 +14,7 @@ from rich.console import Console
 from vgroove.control_bench.command import app as control_app
 from vgroove.errors import VgrooveError
 from vgroove.gap_bench.command import app as blind_set_app
+from vgroove.signals import Terminated
 from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning
 
@@ -396,7 +397,7 @@ def effects(
 
 def main() -> None:
     """Run the command line: a VgrooveError is printed on stderr with exit code 2; Ctrl-C gives exit
-    code 130.
+    code 130, a signal N that ends a run 128 + N.
     """
     try:
         app()
@@ -406,8 +407,8 @@ def main() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except KeyboardInterrupt as interrupt:
+        sys.exit(interrupt.exit_code if isinstance(interrupt, Terminated) else 130)
 
 
 if __name__ == "__main__":
