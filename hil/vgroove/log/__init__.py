@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vgroove.errors import VgrooveError
 from vgroove.log.can_files import read_asc, read_blf, read_mf4
-from vgroove.log.csv_file import csv_header, csv_rows, read_csv, write_csv
+from vgroove.log.csv_file import csv_bytes, csv_header, csv_rows, read_csv, write_csv
 from vgroove.log.frames import log_from_session, log_from_stream
 from vgroove.log.table import (
     COLUMN_LABELS,
@@ -25,6 +25,7 @@ __all__ = [
     "LOG_ENDINGS",
     "MIN_USABLE_SAMPLES",
     "Log",
+    "csv_bytes",
     "csv_header",
     "csv_rows",
     "current_is_unsigned",

@@ -27,7 +27,8 @@ def read_csv(path: Path) -> Log:
     """
     most = _count_lines(path)
     with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = _Rows(path, file)
+        whole = _WholeLines(file)
+        rows = _Rows(path, whole)
         warnings = _check_header(path, rows.header)
         known = [k for k, name in enumerate(rows.header) if name in ("time_s", *COLUMN_UNITS)]
         # one array for all rows: joining the chunks at the end would take the memory twice
@@ -35,6 +36,11 @@ def read_csv(path: Path) -> Log:
         for chunk in rows.chunks(known):
             part = slice(count, count := count + len(chunk.lines))
             lines[part], table[:, part] = chunk.lines, chunk.values
+    if whole.cut_line:
+        warnings.append(
+            f"{path}: line {whole.cut_line}: is left out: its line end is missing, so that it may "
+            "have been cut."
+        )
     columns = {rows.header[k]: table[n, :count] for n, k in enumerate(known)}
     time_s = columns.pop("time_s")
     return checked(Log(time_s, columns, str(path), warnings), lines[:count])
@@ -57,6 +63,22 @@ def _count_lines(path: Path) -> int:
             if not block:
                 return ends + 1
             done, ends = done + len(block), ends + block.count(b"\n") + block.count(b"\r")
+
+
+class _WholeLines:
+    """The lines of an open file (newline="") without a last line that has no line end; its number
+    is then `cut_line`. The first line is always kept.
+    """
+
+    def __init__(self, file: Iterable[str]) -> None:
+        self._file, self.cut_line = file, 0
+
+    def __iter__(self) -> Iterator[str]:
+        for number, line in enumerate(self._file, 1):
+            if number > 1 and not line.endswith(("\n", "\r")):
+                self.cut_line = number
+                return
+            yield line
 
 
 @dataclass
@@ -218,6 +240,11 @@ def csv_rows(time_s: np.ndarray, columns: Iterable[np.ndarray]) -> bytes:
     return "".join(line % row for row in zip(*table, strict=True)).replace("nan", "NaN").encode()
 
 
+def csv_bytes(log: Log) -> bytes:
+    """A log as the content of a CSV file."""
+    return csv_header(log.columns) + csv_rows(log.time_s, log.columns.values())
+
+
 def write_csv(log: Log, path: str | os.PathLike[str]) -> None:
     """Write a log as CSV, whole or not at all; VgrooveError when it cannot be written."""
-    write_bytes(path, csv_header(log.columns) + csv_rows(log.time_s, log.columns.values()))
+    write_bytes(path, csv_bytes(log))
