@@ -11,10 +11,11 @@ from vgroove.errors import VgrooveError
 from vgroove.gap.next_run.menu import MENU, RunProfile, profile_from_verdict, profile_named
 from vgroove.guided_run import GuidedRun
 from vgroove.progress import ProgressBar, seconds_bar
-from vgroove.record_command import stop_on_signals, summary
+from vgroove.record_command import summary
 from vgroove.recorder import Recording, record
 from vgroove.run import RunOptions
-from vgroove.terminal import print_line
+from vgroove.signals import stop_on_signals
+from vgroove.terminal import print_line, print_warning
 
 
 def chosen_profile(experiment: str | None, verdict: Path | None) -> RunProfile:
@@ -71,6 +72,7 @@ def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
     console = Console(stderr=True)
     recording = Recording(options.on, options.output, baud)
     recording.program = run = GuidedRun(profile, recording.session)
+    recording.notify = lambda text: print_warning(console, text)
     with stop_on_signals() as stop:
         try:
             with seconds_bar(run.total_s, console=console) as bar:

@@ -4,7 +4,7 @@ does its work.
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,20 +13,23 @@ from rich.console import Console
 
 from vgroove.control_bench.command import app as control_app
 from vgroove.errors import VgrooveError
+from vgroove.gap.batch_command import FailAbove, JunitPath
+from vgroove.gap.batch_command import app as batch_app
 from vgroove.gap_bench.command import app as blind_set_app
+from vgroove.signals import Terminated
 from vgroove.study.command import app as study_app
-from vgroove.terminal import print_line, print_warning
+from vgroove.terminal import print_line, print_warning, result_console
 
 if TYPE_CHECKING:
     from vgroove.gap import DiagnosisOptions
-    from vgroove.log import ColumnMap
+    from vgroove.log import ColumnMap, Log
     from vgroove.run import RunOptions
 
 # The plant starts threads itself, with which BLAS threads would compete. The variable is read when
 # numpy is first imported, which a command does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 gap_app = typer.Typer(
     no_args_is_help=True, help="Diagnose the gap between a log and its simulation."
 )
@@ -68,7 +71,26 @@ bench_app = typer.Typer(
 app.add_typer(bench_app, name="bench")
 app.add_typer(study_app, name="study")
 bench_app.registered_commands += control_app.registered_commands
-gap_app.registered_commands += blind_set_app.registered_commands
+gap_app.registered_commands += batch_app.registered_commands + blind_set_app.registered_commands
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print_line(Console(), f"vgroove {version('vgroove')}")
+        raise typer.Exit
+
+
+@app.callback()
+def vgroove(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Firmware, plant and gap diagnosis of an impact driver."""
+    del version
 
 
 @bench_app.callback()
@@ -98,7 +120,7 @@ def bench_speed_command(
     from vgroove.bench.speed_tables import speed_tables
 
     _check_outputs(json_path)
-    console = Console()
+    console = result_console(json_path)
     figures = bench_speed(seconds, seed, repeats, console)
     for table in speed_tables(figures):
         console.print(table)
@@ -119,7 +141,7 @@ def bench_trap_command(
 
     _check_outputs(json_path)
     figures = bench_trap(seed)
-    Console().print(trap_table(figures))
+    result_console(json_path).print(trap_table(figures))
     _write_json(json_path, figures)
 
 
@@ -267,6 +289,10 @@ def sim(
             help="With --log: seconds after which the model restarts from measured states."
         ),
     ] = 0.25,
+    seconds: Annotated[
+        float | None,
+        typer.Option(help="Without --log: length of the run in s, instead of the scenario's."),
+    ] = None,
     from_s: FromS = None,
     to_s: ToS = None,
     as_is: AsIs = False,
@@ -277,53 +303,55 @@ def sim(
     driven by the log's input, and its gap on held-out blocks.
     """
     from vgroove.gap import DiagnosisOptions
+    from vgroove.log import csv_bytes
+    from vgroove.output import json_text, write_all
 
+    if log and output and len(log) != 1:
+        raise VgrooveError("-o writes one simulated log: give one --log")
     _check_outputs(json_path, output, inputs=[path, *(log or [])])
+    out = result_console(json_path, output)
     if log:
+        if seconds is not None:
+            raise VgrooveError("--seconds is of a run without --log; use --from and --to with it")
         columns = _columns(maps, map_file)
         options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
-        figures = _sim_logs(path, log, output, restart_s, options)
+        figures, simulated = _sim_logs(path, log, options, restart_s, out)
     else:
-        figures = _sim_scenario(path, output)
-    _write_json(json_path, figures)
+        figures, simulated = _sim_scenario(path, seconds, out)
+    files = [(json_path, json_text(figures, allow_nan=True))] if json_path else []
+    if output:
+        files.append((output, csv_bytes(simulated())))
+    write_all(files)
 
 
 def _sim_logs(
-    rig_path: Path,
-    logs: list[Path],
-    output: Path | None,
-    restart_s: float,
-    options: "DiagnosisOptions",
-) -> dict[str, Any]:
-    from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
+    rig_path: Path, logs: list[Path], options: "DiagnosisOptions", restart_s: float, out: Console
+) -> "tuple[dict[str, Any], Callable[[], Log]]":
+    """Print the gap of a rig to logs; its figures, and what simulates the rows of the one log."""
+    from vgroove.gap.simulate import compute_gap, gap_table, simulated_log
     from vgroove.gap.stages import read_logs
     from vgroove.rig import read_rig
 
     if not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
-    if output and len(logs) != 1:
-        raise VgrooveError("-o writes one simulated log: give one --log")
     rig = read_rig(rig_path)
     figures, problem = compute_gap(rig, read_logs(logs, rig, options), restart_s, options.as_is)
-    Console().print(gap_table(figures))
+    out.print(gap_table(figures))
     for warning in figures["warnings"]:
         print_warning(Console(stderr=True), warning)
-    if output:
-        write_simulation(problem, output)
-    return figures
+    return figures, lambda: simulated_log(problem)
 
 
-def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
-    from vgroove.log import write_csv
+def _sim_scenario(
+    path: Path, seconds: float | None, out: Console
+) -> "tuple[dict[str, Any], Callable[[], Log]]":
     from vgroove.plant_alone import scenario_figures, scenario_table, simulate_scenario
-    from vgroove.scenario import read_scenario_or_rig
+    from vgroove.scenario import read_scenario_or_rig, with_duration
 
-    simulated = simulate_scenario(read_scenario_or_rig(path))
+    simulated = simulate_scenario(with_duration(read_scenario_or_rig(path), seconds))
     figures = scenario_figures(simulated)
-    Console().print(scenario_table(figures))
-    if output:
-        write_csv(simulated, output)
-    return figures
+    out.print(scenario_table(figures))
+    return figures, lambda: simulated
 
 
 def _columns(maps: list[str] | None, map_file: Path | None) -> "ColumnMap":
@@ -433,6 +461,8 @@ def gap_diagnose(
     as_is: AsIs = False,
     maps: Maps = None,
     map_file: MapFile = None,
+    junit_path: JunitPath = None,
+    fail_above: FailAbove = None,
 ) -> None:
     """Find where logs and simulation differ, which effect the simulation lacks, and how much that
     effect reduces the gap.
@@ -440,7 +470,7 @@ def gap_diagnose(
     from vgroove.gap import DiagnosisOptions
     from vgroove.gap.command import OutputPaths, diagnose_files
 
-    outputs = OutputPaths(json_path, html_path, out_rig)
+    outputs = OutputPaths(json_path, html_path, out_rig, junit_path, fail_above)
     columns, ids = _columns(maps, map_file), tuple(without or ())
     options = DiagnosisOptions(seed, ids, from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
     diagnose_files(logs, rig, outputs, options)
@@ -464,7 +494,7 @@ def gap_emps(
     _check_outputs(json_path)
     figures = emps_figures(directory)
     for table in emps_tables(figures):
-        Console().print(table)
+        result_console(json_path).print(table)
     _write_json(json_path, figures)
 
 
@@ -485,12 +515,12 @@ def effects(
     lines = effect_lines(effect_id) if effect_id else list_lines()
     _write_json(json_path, {"schema": "vgroove.effects/1", "effects": effect_rows()})
     for line in markdown_table().splitlines() if markdown else lines:
-        print_line(Console(), line)
+        print_line(result_console(json_path), line)
 
 
 def main() -> None:
     """Run the command line: a VgrooveError is printed on stderr with exit code 2; Ctrl-C gives exit
-    code 130.
+    code 130, a signal N that ends a run 128 + N.
     """
     try:
         app()
@@ -500,8 +530,8 @@ def main() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except KeyboardInterrupt as interrupt:
+        sys.exit(interrupt.exit_code if isinstance(interrupt, Terminated) else 130)
 
 
 if __name__ == "__main__":

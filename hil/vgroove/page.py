@@ -179,9 +179,10 @@ class Page:
     cards: Sequence[Card] = ()
     warnings: Sequence[str] = ()
 
-    def as_html(self, bar: bool | str = "hover") -> str:
+    def as_html(self, bar: bool | str = "hover", script: str | None = None) -> str:
         """The page as one HTML text; `bar`: when plotly's buttons above a figure are visible (its
-        option displayModeBar: True, False or "hover").
+        option displayModeBar: True, False or "hover"); `script`: the file with plotly beside the
+        page, without it plotly is within the page (5 MB).
         """
         body = [f"<h1>{html.escape(self.title)}</h1>"]
         body += [f"<p class=lead>{html.escape(self.lead)}</p>"] if self.lead else []
@@ -202,9 +203,10 @@ class Page:
                 else part.as_html()
             )
         head = f"<meta charset=utf-8><title>{html.escape(self.title)}</title><style>{CSS}</style>"
-        script = f"<link rel=icon href='data:,'><script>{get_plotlyjs()}</script>"
+        plotly = f" src='{script}'>" if script else f">{get_plotlyjs()}"
+        loaded = f"<link rel=icon href='data:,'><script{plotly}</script>"
         return (
-            f"<!doctype html><html lang=en><head>{head}{script}</head>"
+            f"<!doctype html><html lang=en><head>{head}{loaded}</head>"
             f"<body>{''.join(body)}</body></html>\n"
         )
 

@@ -65,6 +65,17 @@ def seconds_bar(
         yield ProgressBar(progress, total_s, text)
 
 
+@contextmanager
+def share_bar(text: str, console: Console | None = None) -> Iterator[ProgressBar]:
+    """A bar of a share from 0 to 1 in per cent, with the wall time elapsed; use `move_to`.
+
+    On stderr unless `console` is given; nothing is written where that is not a terminal.
+    """
+    columns = (TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
+    with _bar(columns, console, keep=False) as progress:
+        yield ProgressBar(progress, 1.0, text)
+
+
 def _bar(columns: tuple[ProgressColumn, ...], console: Console | None, keep: bool) -> Progress:
     console = console or Console(stderr=True)
     return Progress(

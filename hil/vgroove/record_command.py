@@ -1,46 +1,16 @@
-"""`vgroove record`: the recorder with counters on the terminal, ended by Ctrl-C."""
+"""`vgroove record`: the recorder with counters on the terminal, ended by Ctrl-C, a terminate signal
+or a hang-up.
+"""
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from vgroove.recorder import Recording, record
-from vgroove.terminal import print_line
-
-
-class StopRequest:
-    """True, when called, after the first Ctrl-C or terminate signal."""
-
-    def __init__(self) -> None:
-        self.received = False
-
-    def __call__(self) -> bool:
-        return self.received
-
-    def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler."""
-        del number, frame
-        self.received = True
-
-
-@contextmanager
-def stop_on_signals() -> Iterator[StopRequest]:
-    """A callable that is true after the first Ctrl-C or terminate signal within the block."""
-    stop = StopRequest()
-    before = {
-        number: signal.signal(number, stop.on_signal) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+from vgroove.signals import stop_on_signals
+from vgroove.terminal import print_line, print_warning
 
 
 def _counters(recording: Recording) -> Table:
@@ -76,6 +46,7 @@ def record_with_progress(port: str, output: Path, seconds: float | None, baud: i
     """Record with a line of counters on the terminal; VgrooveError as `record` raises it."""
     console = Console(stderr=True)
     recording = Recording(port, output, baud, seconds)
+    recording.notify = lambda text: print_warning(console, text)
     with stop_on_signals() as stop:
         if console.is_terminal:
             with Live(console=console, auto_refresh=False, transient=True) as live:

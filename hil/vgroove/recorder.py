@@ -4,6 +4,7 @@ import errno
 import json
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -36,8 +37,8 @@ ENDS = (
     "board silent",
     RUN_COMPLETE,
 )
-# Ends that are errors, unless only the user's Ctrl-C was to end the recording.
-EARLY_ENDS = ("port lost", "board silent", "board restarted")
+# Ends that are errors, the latter unless only the user's Ctrl-C was to end the recording.
+LOST_ENDS, EARLY_ENDS = ("port lost",), ("board silent", "board restarted")
 SIDECAR_SCHEMA = "vgroove.recording/1"
 
 
@@ -67,6 +68,7 @@ class Recording:
     baud: int = 250_000
     seconds: float | None = None
     program: HostProgram = field(default_factory=HostProgram)
+    notify: Callable[[str], None] = lambda _: None  # is called with remarks for the user
     session: telemetry.Session = field(default_factory=telemetry.Session)
     rows: int = 0
     ended: str = ""
@@ -99,15 +101,30 @@ def record(
     """
     create = file_type(recording.output)
     check_outputs((recording.output, _sidecar(recording.output)))
-    bus = _open_port(recording)
+    file = _create(create, recording)
+    try:
+        _record_into(file, recording, stopped, progress)
+    finally:
+        file.release()
+    progress(recording)
+
+
+def _record_into(
+    file: RecordingFile,
+    recording: Recording,
+    stopped: Callable[[], bool],
+    progress: Callable[[Recording], None],
+) -> None:
+    try:
+        bus = _open_port(recording)
+    except BaseException:
+        file.discard()
+        raise
     try:
         bus.framer.counters = recording.session.counters
-        recorder = _Recorder(bus, recording, stopped, progress)
-        first_frames = recorder.wait_for_boot()
-        recorder.fill(_create(create, recording.output), first_frames)
+        _Recorder(bus, recording, stopped, progress).run(file)
     finally:
         bus.shutdown()
-    progress(recording)
 
 
 def _open_port(recording: Recording) -> ResyncBus:
@@ -117,11 +134,24 @@ def _open_port(recording: Recording) -> ResyncBus:
         raise VgrooveError(f"{recording.port}: the port cannot be opened: {error}.") from error
 
 
-def _create(create: type[RecordingFile], path: Path) -> RecordingFile:
+def _create(create: type[RecordingFile], recording: Recording) -> RecordingFile:
+    """The file to fill. It is made before the port is opened, which resets some boards."""
+    path = recording.output
     try:
-        return create(path)
+        file = create(path)
     except OSError as error:
         raise unwritable(path, error) from error
+    if file.recovered:
+        recording.notify(recovered_text(path, file.recovered))
+    return file
+
+
+def recovered_text(output: Path, recovered: Path) -> str:
+    """The remark on a part file that a killed process had left."""
+    return (
+        f"{output}: an earlier recording to this file was killed; what it recorded is in "
+        f"{recovered}."
+    )
 
 
 class _DumpRequester:
@@ -159,7 +189,16 @@ class _Recorder:
     stopped: Callable[[], bool]
     progress: Callable[[Recording], None]
 
-    def wait_for_boot(self) -> list[telemetry.Frame]:
+    def run(self, file: RecordingFile) -> None:
+        """Fill the file from the board's BOOT frame on; without one the file is deleted."""
+        try:
+            first_frames = self._wait_for_boot()
+        except BaseException:
+            file.discard()
+            raise
+        self._fill(file, first_frames)
+
+    def _wait_for_boot(self) -> list[telemetry.Frame]:
         """Frames from the first BOOT frame on; what came before is only counted.
 
         VgrooveError when the port is lost or no BOOT frame comes within BOOT_TIMEOUT_S.
@@ -194,7 +233,7 @@ class _Recorder:
             f"({received}): is it a vgroove board, and is the rate the one that it uses?"
         )
 
-    def fill(self, file: RecordingFile, first_frames: list[telemetry.Frame]) -> None:
+    def _fill(self, file: RecordingFile, first_frames: list[telemetry.Frame]) -> None:
         """Fill, complete and publish the file, whatever error occurs; the sidecar file states how
         the recording ended.
         """
@@ -243,10 +282,14 @@ class _Recorder:
                 flush_at = now + FLUSH_INTERVAL_S
                 file.add_rows(session.take_rows(session.ready_until()))
                 recording.rows = file.rows
-                self.progress(recording)
+                self._show()
             ended = "interrupted" if self.stopped() else _ended(recording, now - last_frame_at)
             if ended:
                 return ended
+
+    def _show(self) -> None:
+        with suppress(OSError):  # a terminal that has hung up ends no recording
+            self.progress(self.recording)
 
 
 def _ended(recording: Recording, silent_s: float) -> str:
@@ -318,7 +361,8 @@ def _raise_early_end(recording: Recording) -> None:
         raise VgrooveError(f"{recording.output}: the disk is full; {kept}.")
     if recording.ended not in ENDS:
         raise VgrooveError(f"{recording.ended}; {kept}.")
-    if recording.ended in EARLY_ENDS and recording.max_silence_s < float("inf"):
+    limited = recording.max_silence_s < float("inf")
+    if recording.ended in LOST_ENDS or (recording.ended in EARLY_ENDS and limited):
         of = "" if recording.seconds is None else f" of {recording.seconds:g}"
         raise VgrooveError(
             f"{recording.port}: {recording.ended} after {recording.recorded_s:.1f}{of} s; {kept}."

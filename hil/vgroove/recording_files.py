@@ -1,10 +1,11 @@
-"""Files that a recording fills: CSV, MF4, BLF and ASC, each complete even when the disk is full."""
+"""Files that a recording fills: CSV, MF4, BLF and ASC, each complete even when the disk is full or
+the process is killed.
+"""
 
 import io
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from datetime import datetime
 from itertools import islice
 from pathlib import Path
@@ -12,21 +13,28 @@ from typing import Any
 
 import numpy as np
 from can.io import ASCWriter, BLFWriter
+from can.io.blf import FILE_HEADER_SIZE
 
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import COLUMN_LABELS, COLUMN_UNITS, csv_header, csv_rows
+from vgroove.part_file import PartFile, part_of
 
 MF4_ROWS = 200_000  # converted at a time, which bounds the memory
-ASC_TAIL_BYTES = 1024  # more than two lines of an ASC file
 
 
 class RecordingFile(ABC):
-    """A log that is being written: a hidden part file until it is complete and gets its name."""
+    """A log that is being written: a hidden part file until it is complete and gets its name.
+
+    `recovered` is the new name of a part file that a killed process had left, else None.
+    VgrooveError where another process writes this log.
+    """
+
+    recovered: Path | None = None
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.part = path.with_name(f".{path.stem}.part{path.suffix}")
+        self.part = part_of(path)
         self.rows = 0
 
     def add_frame(self, frame: telemetry.Frame) -> None:
@@ -35,7 +43,10 @@ class RecordingFile(ABC):
 
     @abstractmethod
     def add_rows(self, columns: dict[str, np.ndarray]) -> None:
-        """Add final rows, (n,) by column name with `time_s`; OSError when the disk is full."""
+        """Add final rows, (n,) by column name with `time_s`; OSError when the disk is full.
+
+        What is in the part file afterwards can be read even if the process is killed.
+        """
 
     @abstractmethod
     def finish(self) -> None:
@@ -53,44 +64,48 @@ class RecordingFile(ABC):
         os.replace(self.part, self.path)
 
     def discard(self) -> None:
-        """Delete the part file."""
+        """Delete the part file; does nothing after `publish`."""
         with suppress(OSError):
             self.part.unlink()
 
-    @contextmanager
-    def _discard_on_error(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError:
-            self.discard()
-            raise
+    @abstractmethod
+    def release(self) -> None:
+        """Close and unlock the part file; where it has not been published, it stays."""
 
 
-class UnbufferedFile(io.FileIO):
-    """A file without a buffer that writes all bytes or raises: bytes that could not be written are
-    not tried again on closing.
-    """
-
-    def write(self, data: Any) -> int:
-        view = memoryview(data).cast("B")
-        total = len(view)
-        while view:
-            view = view[super().write(view) :]
-        return total
-
-
-class CsvFile(RecordingFile):
-    """The log columns, one row for each FAST frame."""
+class LockedFile(RecordingFile):
+    """A log whose part file this process has open and locked."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._file = UnbufferedFile(self.part, "wb")
-        with self._discard_on_error():
-            self._file.write(csv_header(telemetry.COLUMNS))
-        self._complete_bytes = self._file.tell()
+        self._part = PartFile(path)
+        self._file, self.recovered = self._part.file, self._part.recovered
+
+    def publish(self) -> None:
+        super().publish()
+        self.release()
+
+    def discard(self) -> None:
+        if self._part.locked:
+            super().discard()
+        self.release()
+
+    def release(self) -> None:
+        self._file.close()
+        self._part.release()
+
+
+class CsvFile(LockedFile):
+    """The log columns, one row for each FAST frame. The header is written with the first rows."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._complete_bytes = 0
 
     def add_rows(self, columns: dict[str, np.ndarray]) -> None:
-        self._file.write(csv_rows(columns["time_s"], [columns[name] for name in telemetry.COLUMNS]))
+        header = b"" if self._complete_bytes else csv_header(telemetry.COLUMNS)
+        rows = csv_rows(columns["time_s"], [columns[name] for name in telemetry.COLUMNS])
+        self._file.write(header + rows)
         self._complete_bytes = self._file.tell()
         self.rows += len(columns["time_s"])
 
@@ -113,6 +128,7 @@ class Mf4File(RecordingFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._csv = CsvFile(path.with_name(path.name + ".csv"))
+        self.recovered = self._csv.recovered
 
     def add_rows(self, columns: dict[str, np.ndarray]) -> None:
         self._csv.add_rows(columns)
@@ -133,12 +149,18 @@ class Mf4File(RecordingFile):
         self.path, self.part = self._csv.path, self._csv.part
 
     def publish(self) -> None:
+        if self.path == self._csv.path:
+            self._csv.publish()
+            return
         super().publish()
         self._csv.discard()
 
     def discard(self) -> None:
         super().discard()
         self._csv.discard()
+
+    def release(self) -> None:
+        self._csv.release()
 
 
 def convert_csv_to_mf4(source: Path, target: Path) -> None:
@@ -176,77 +198,92 @@ class BoardAscWriter(ASCWriter):
         self.log_event("Start of measurement", 0.0)
 
 
-class BlfFile(RecordingFile):
-    """Every intact frame with the board's time, by python-can's writer."""
+class BlfFile(LockedFile):
+    """Every intact frame with the board's time, by python-can's writer. After each `add_rows` the
+    file is complete: its header states its size and the number of its frames.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._file = UnbufferedFile(self.part, "wb")
-        with self._discard_on_error():
-            self._writer = BLFWriter(self._file)
+        self._memory = io.BytesIO()  # header, and the containers that are not in the file
+        self._writer = BLFWriter(self._memory)
         self._writer.start_timestamp = 0.0
-        self._complete = (self._file.tell(), 0)
+        self._complete_bytes = 0
 
     def add_frame(self, frame: telemetry.Frame) -> None:
         self._writer.on_message_received(frame.message())
 
-    def add_rows(self, columns: dict[str, np.ndarray]) -> None:
+    def _append(self) -> None:
+        """Write the containers, in one call, then the header."""
         self._writer._flush()
-        self._complete = (self._file.tell(), self._writer.object_count)
+        content = self._memory.getvalue()
+        self._memory.seek(0)
+        self._memory.truncate()
+        self._file.write(content[FILE_HEADER_SIZE:] if self._complete_bytes else content)
+        size = self._file.tell()
+        self._writer._write_header(size)
+        self._file.seek(0)
+        self._file.write(self._memory.getvalue())
+        self._file.seek(size)
+        self._complete_bytes = size
+
+    def add_rows(self, columns: dict[str, np.ndarray]) -> None:
+        self._append()
         self.rows += len(columns["time_s"])
 
     def finish(self) -> None:
-        self._writer.stop()
+        self._append()
+        self._file.close()
 
     def salvage(self) -> None:
-        """Cut the file after its last complete container and rewrite the header in place."""
-        complete_bytes, self._writer.object_count = self._complete
-        self._writer._buffer, self._writer._buffer_size = [], 0
-        self._file.truncate(complete_bytes)
-        self._file.seek(complete_bytes)
-        self._writer.stop()
+        """Cut the file after its last complete container, up to which its header counts."""
+        if not self._file.closed:
+            self._file.truncate(self._complete_bytes)
+            self._file.close()
 
 
-class AscFile(RecordingFile):
-    """Every intact frame as a line with the board's time, by python-can's writer."""
+class AscFile(LockedFile):
+    """Every intact frame as a line with the board's time, by python-can's writer. After each
+    `add_rows` the file is complete: it ends with END.
+    """
 
     END = b"End TriggerBlock\n"
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._file = UnbufferedFile(self.part, "wb")
         self._text = io.StringIO()
         self._writer = BoardAscWriter(self._text)
+        self._lines_bytes = 0  # of the file without END
 
     def add_frame(self, frame: telemetry.Frame) -> None:
         self._writer.on_message_received(frame.message())
 
-    def _write_lines(self) -> None:
-        text = self._text.getvalue()
+    def _append(self) -> None:
+        """Write the lines over the end mark, and the end mark behind them, in one call."""
+        text = self._text.getvalue().encode()
         self._text.seek(0)
         self._text.truncate()
-        self._file.write(text.encode())
+        self._file.seek(self._lines_bytes)
+        self._file.write(text + self.END)
+        self._lines_bytes += len(text)
 
     def add_rows(self, columns: dict[str, np.ndarray]) -> None:
-        self._write_lines()
+        self._append()
         self.rows += len(columns["time_s"])
 
     def finish(self) -> None:
-        self._write_lines()
-        self._file.write(self.END)
+        self._append()
         self._file.close()
 
     def salvage(self) -> None:
-        """Cut the file after the last line that leaves room for the end mark."""
-        size = self._file.tell()
+        """Cut the file where it was last complete, and write the end mark there again."""
+        if self._file.closed:
+            return
+        if self._lines_bytes:
+            self._file.truncate(self._lines_bytes + len(self.END))
+            self._file.seek(self._lines_bytes)
+            self._file.write(self.END)
         self._file.close()
-        with self.part.open("rb+") as file:
-            file.seek(max(0, size - ASC_TAIL_BYTES))
-            tail = file.read()
-            cut = size - len(tail) + tail[: -len(self.END)].rfind(b"\n") + 1
-            file.truncate(cut)
-            file.seek(cut)
-            file.write(self.END)
 
 
 FILE_TYPES: dict[str, type[RecordingFile]] = {

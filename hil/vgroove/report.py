@@ -5,10 +5,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from plotly.offline import get_plotlyjs, get_plotlyjs_version
+
 from vgroove.chromium import draw, find_chromium
 from vgroove.errors import VgrooveError
-from vgroove.output import check_outputs, write_json, write_text
+from vgroove.output import check_outputs, json_text, write_all
 from vgroove.page import Page, Picture, Table
+
+SCRIPT_NAME = f"plotly-{get_plotlyjs_version()}.min.js"
 
 
 @dataclass(frozen=True)
@@ -70,15 +74,21 @@ def prepare_files(name: str, folder: Path, json_path: Path | None, png: bool) ->
 
 
 def write_report(report: Report, files: ReportFiles) -> list[Path]:
-    """Write every file of the report, each whole or not at all; returns the paths."""
-    written = [files.json_path, files.file(f"{report.name}.html")]
-    write_json(written[0], {"study": report.name, **report.data})
-    write_text(written[1], report.page().as_html())
-    for table in report.tables:
-        written.append(files.file(f"{report.name}_{table.name}.csv"))
-        write_text(written[-1], table.as_csv())
+    """Write the files of the report, all or none, then the picture; returns the paths.
+
+    The page loads plotly from a file beside it, which all pages of the folder share.
+    """
+    page, script = report.page(), files.file(SCRIPT_NAME)
+    contents = [
+        (files.json_path, json_text({"study": report.name, **report.data})),
+        (files.file(f"{report.name}.html"), page.as_html(script=SCRIPT_NAME)),
+        *((files.file(f"{report.name}_{t.name}.csv"), t.as_csv()) for t in report.tables),
+    ]
+    if not script.is_file():
+        contents.append((script, get_plotlyjs()))
+    write_all(contents)
+    written = [path for path, _ in contents]
     if files.chromium:
         written.append(files.file(f"{report.name}.png"))
-        page = report.page()
         draw(files.chromium, page.as_html(bar=False), written[-1], page.height())
     return written

@@ -16,12 +16,15 @@ from vgroove.errors import VgrooveError
 from vgroove.output import check_outputs, unwritable, write_bytes
 from vgroove.progress import ProgressBar, seconds_bar
 from vgroove.pty_line import PtyLine
+from vgroove.recorder import recovered_text
 from vgroove.recording_files import file_type
 from vgroove.scenario import Scenario, command_messages, make_plant
+from vgroove.signals import interrupt_on_signals, signals_held
 from vgroove.sil import SilBoard
-from vgroove.terminal import print_line
+from vgroove.terminal import print_line, print_warning
 
 EEPROM_BYTES = 1024  # of the native firmware
+WRITE_INTERVAL_S = 0.25  # at which a run's log is written: what a killed run loses at most
 MCUS = {"uno": "atmega328p", "mega": "atmega2560"}
 
 
@@ -101,10 +104,10 @@ def _line(
 
 
 def _run_in_lockstep(
-    scenario: Scenario, options: RunOptions, sent: bytearray, out: Console, bar: ProgressBar
+    scenario: Scenario, options: RunOptions, log: "RunLog | None", out: Console, bar: ProgressBar
 ) -> None:
-    """Run the scenario. `sent` grows with the bytes of the board, so that an interrupted run leaves
-    those sent until then.
+    """Run the scenario. The log grows while the board sends, so that an interrupted run leaves what
+    was sent until then.
     """
     tool = make_plant(scenario.tool, scenario.seed)
     front = scenario.front_ends()
@@ -120,7 +123,8 @@ def _run_in_lockstep(
             scenario.duration_s,
             lockstep.LockstepOptions(front=front, line=line, seed=scenario.seed),
         ):
-            sent += now.sent[done:]
+            if log is not None:
+                log.add(now.sent[done:])
             done = len(now.sent)
             bar.move_to(now.time_s)
             if options.real_time:
@@ -129,48 +133,95 @@ def _run_in_lockstep(
             write_bytes(options.eeprom, board.eeprom())
 
 
-def write_run(data: bytes, path: Path) -> int:
-    """Write the bytes of a board as .csv, .mf4, .blf or .asc, whole or not at all; returns the
-    number of rows.
+class RunLog:
+    """The log of a run, which grows while the board sends: .csv, .mf4, .blf or .asc.
+
+    VgrooveError where another process writes it or it cannot be written.
     """
-    create = file_type(path)
-    session = telemetry.Session()
-    frames = telemetry.Framer(session.counters).feed(data)
-    session.feed(frames)
-    try:
-        file = create(path)
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._session = telemetry.Session()
+        self._framer = telemetry.Framer(self._session.counters)
+        self._bytes, self._write_at, self._closed = bytearray(), 0.0, False
+        with self._named_error():
+            self._file = file_type(path)(path)
+        self.recovered = self._file.recovered
+
+    @contextmanager
+    def _named_error(self) -> Iterator[None]:
         try:
-            for frame in frames:
-                file.add_frame(frame)
-            file.add_rows(session.take_rows())
-            file.finish()
-            if file.rows:
-                file.publish()
-            return file.rows
-        finally:
-            file.discard()
-    except OSError as error:
-        raise unwritable(path, error) from error
+            yield
+        except OSError as error:
+            raise unwritable(self._path, error) from error
+
+    def add(self, data: bytes) -> None:
+        """Add bytes of the board; they are written every WRITE_INTERVAL_S."""
+        self._bytes += data
+        if time.monotonic() >= self._write_at:
+            self._write_at = time.monotonic() + WRITE_INTERVAL_S
+            with self._named_error(), signals_held():
+                self._write(last=False)
+
+    def _write(self, last: bool) -> None:
+        frames = self._framer.feed(bytes(self._bytes))
+        self._bytes.clear()
+        self._session.feed(frames)
+        for frame in frames:
+            self._file.add_frame(frame)
+        self._file.add_rows(self._session.take_rows(None if last else self._session.ready_until()))
+
+    def close(self) -> int:
+        """Complete the file; returns its number of rows, without which no file is left."""
+        if self._closed:
+            return self._file.rows
+        with self._named_error(), signals_held():
+            self._closed = True
+            try:
+                self._write(last=True)
+                self._file.finish()
+                if self._file.rows:
+                    self._file.publish()
+                return self._file.rows
+            finally:
+                self._file.discard()
+
+
+@contextmanager
+def _run_log(path: Path | None, errors: Console) -> Iterator[RunLog | None]:
+    """The log of a run; on any end of the block it holds what the board had sent until then."""
+    if path is None:
+        yield None
+        return
+    log = RunLog(path)
+    if log.recovered:
+        print_warning(errors, recovered_text(path, log.recovered))
+    try:
+        yield log
+    except KeyboardInterrupt:
+        rows = log.close()
+        print_line(errors, f"interrupted: {rows} rows in {path}" if rows else "interrupted")
+        raise
+    except BaseException:
+        log.close()
+        raise
 
 
 def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: Console) -> None:
-    """Run a scenario and write its log. On Ctrl-C (KeyboardInterrupt) the log holds what the board
-    had sent until then.
+    """Run a scenario and write its log. On Ctrl-C, a terminate signal or a hang-up
+    (KeyboardInterrupt) the log holds what the board had sent until then.
     """
     if options.output:
         file_type(options.output)
     check_outputs(
         (options.output, options.stats, options.eeprom), (scenario.rig_path, Path(scenario.source))
     )
-    sent, rows = bytearray(), None
-    begin = time.monotonic()
-    try:
+    begin, written = time.monotonic(), ""
+    with interrupt_on_signals(), _run_log(options.output, errors) as log:
         with seconds_bar(scenario.duration_s, console=errors) as bar:
-            _run_in_lockstep(scenario, options, sent, out, bar)
-    finally:
-        if options.output and sent:
-            rows = write_run(bytes(sent), options.output)
+            _run_in_lockstep(scenario, options, log, out, bar)
+        if log is not None:
+            written = f", {log.close()} rows in {options.output}"
     took = time.monotonic() - begin
     speed = f"{scenario.duration_s / took:.1f} x real time"
-    written = f", {rows} rows in {options.output}" if rows is not None else ""
     print_line(errors, f"{scenario.duration_s:g} s simulated in {took:.1f} s ({speed}){written}")

@@ -4,7 +4,7 @@ run; read and checked, and the parts of a lock-step run made from them.
 
 import difflib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from vgroove.rig import SCHEMA as RIG_SCHEMA
 from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
 
 SCHEMA = "vgroove.scenario/1"
-MAX_DURATION_S = 3600.0
+MIN_DURATION_S, MAX_DURATION_S = 0.01, 3600.0
 FULL_TRIGGER_S = 1.0
 # docs/spec/model.md, section 7: the drill's reference run, whose load rises between 2 and 3 s
 DRILL_FULL_TRIGGER_S = 4.0
@@ -147,7 +147,7 @@ TOP_KEYS: dict[str, Callable[[Any, str], Any]] = {
     "schema": _text,
     "name": _text,
     "rig": _text,
-    "duration_s": _number(0.01, MAX_DURATION_S),
+    "duration_s": _number(MIN_DURATION_S, MAX_DURATION_S),
     "seed": _whole(0, 2**31 - 1),
     "mode": _whole(0, 3),
     "temperature_c": _number(-40.0, 150.0),
@@ -268,6 +268,19 @@ def full_trigger(rig: Rig, source: str) -> Scenario:
     slew = rig.input.get("slew_per_s")
     travel = ((0.0, 0.0), (1.0 / slew, 1.0)) if slew else ((0.0, 1.0),)
     return Scenario(rig, rig, duration_s, Profile(travel=travel, contact_travel=0.0), source=source)
+
+
+def with_duration(scenario: Scenario, seconds: float | None) -> Scenario:
+    """The scenario with another length in s (None: unchanged); VgrooveError for one that no
+    scenario may have.
+    """
+    if seconds is None:
+        return scenario
+    if not MIN_DURATION_S <= seconds <= MAX_DURATION_S:
+        raise VgrooveError(
+            f"--seconds must be from {MIN_DURATION_S:g} to {MAX_DURATION_S:g}, not {seconds:g}"
+        )
+    return replace(scenario, duration_s=seconds)
 
 
 def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]:

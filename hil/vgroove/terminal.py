@@ -1,9 +1,12 @@
 """Lines and tables on the terminal: file names and numbers are printed as they are, unwrapped."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+
+from vgroove.output import STDOUT
 
 if TYPE_CHECKING:  # it loads plotly
     from vgroove.page import Table
@@ -21,10 +24,17 @@ def print_warning(console: Console, text: str) -> None:
     print_line(console, f"vgroove: {text}", style="yellow")
 
 
-def table_console(piped_width: int = PIPED_WIDTH) -> Console:
-    """Stdout; where that is not a terminal, wide enough (columns) that tables are not squeezed."""
-    console = Console()
-    return console if console.is_terminal else Console(width=piped_width)
+def result_console(*outputs: Path | None) -> Console:
+    """Where a command prints its results: stdout, or stderr where stdout is one of its files."""
+    return Console(stderr=STDOUT in outputs)
+
+
+def table_console(*outputs: Path | None, piped_width: int = PIPED_WIDTH) -> Console:
+    """As result_console; where that is not a terminal, wide enough (columns) that tables are not
+    squeezed.
+    """
+    console = result_console(*outputs)
+    return console if console.is_terminal else Console(width=piped_width, stderr=console.stderr)
 
 
 def print_results(console: Console, lines: Iterable[str], tables: Iterable["Table"]) -> None:

@@ -17,7 +17,7 @@ from vgroove import lockstep, telemetry
 from vgroove.profile_sender import PERIOD_S
 from vgroove.pty_line import PtyLine
 from vgroove.rig import read_rig
-from vgroove.run import RunOptions, make_board, write_run
+from vgroove.run import RunLog, RunOptions, make_board
 from vgroove.scenario import make_plant, without_board_effects
 
 REACTION_S = 0.6
@@ -107,7 +107,9 @@ def main(on: str, log: Path, run_s: float, held_s: float, travel: float) -> None
             if progress.time_s > line.pulled_s + run_s:
                 break
         pty.drain()
-    write_run(bytes(sent), log)
+    run_log = RunLog(log)
+    run_log.add(bytes(sent))
+    run_log.close()
 
 
 if __name__ == "__main__":

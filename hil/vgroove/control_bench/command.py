@@ -69,7 +69,7 @@ def control_command(
     from vgroove.control_bench.avr import avr_bench
     from vgroove.control_bench.control import PARTS, Choice, control_bench
     from vgroove.errors import VgrooveError
-    from vgroove.output import check_outputs, write_json, write_text
+    from vgroove.output import check_outputs, json_text, write_all
     from vgroove.terminal import print_line, print_results, table_console
 
     parts = part or list(PARTS)
@@ -82,13 +82,12 @@ def control_command(
     began_s = processor_s()
     choice = Choice(None if half == "both" else half, only_fifth, draws)
     report = avr_bench(parts) if on == "avr" else control_bench(parts, choice)
-    console = table_console(PIPED_WIDTH)
+    console = table_console(json_path, html_path, piped_width=PIPED_WIDTH)
     print_results(console, report.lines, report.tables)
     print_line(console, f"{processor_s() - began_s:.0f} s of processor time.")
-    if json_path:
-        write_json(json_path, report.data)
-    if html_path:
-        write_text(html_path, report.page().as_html())
+    files = [(json_path, json_text(report.data))] if json_path else []
+    files += [(html_path, report.page().as_html())] if html_path else []
+    write_all(files)
 
 
 @app.command("figures")

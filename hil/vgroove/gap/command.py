@@ -2,45 +2,71 @@
 files, all or none.
 """
 
-import json
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tomli_w
+import typer
 from rich.console import Console
 
 from vgroove.gap import DiagnosisOptions, Verdict, diagnose
-from vgroove.output import check_outputs, write_text
-from vgroove.rig import read_rig
-from vgroove.terminal import print_line, print_warning
+from vgroove.gap.batch_command import ABOVE_CODE
+from vgroove.gap.cases import Case, CaseResult, above_text, junit_text
+from vgroove.gap.stage_shares import StageShare
+from vgroove.output import check_outputs, json_text, write_all
+from vgroove.progress import share_bar
+from vgroove.rig import Rig, read_rig
+from vgroove.terminal import print_line, print_warning, result_console
 
 
 @dataclass(frozen=True)
 class OutputPaths:
-    """Files that a diagnosis writes; None: not wanted."""
+    """Files that a diagnosis writes (None: not wanted), and the gap above which it fails."""
 
     json: Path | None = None
     html: Path | None = None
     rig: Path | None = None
+    junit: Path | None = None
+    fail_above: float | None = None
+
+    def paths(self) -> tuple[Path | None, ...]:
+        """All of the files."""
+        return (self.json, self.html, self.rig, self.junit)
 
 
 def diagnose_files(
     logs: Sequence[Path], rig_path: Path, outputs: OutputPaths, options: DiagnosisOptions
 ) -> None:
-    """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr."""
-    check_outputs((outputs.json, outputs.html, outputs.rig), (*logs, rig_path))
-    notes = Console(stderr=True)
-    rig = read_rig(rig_path)
-    with notes.status("reading the logs") as status:
-        verdict = diagnose(logs, rig, replace(options, progress=status.update))
-        texts = output_texts(verdict, [path.name for path in logs], outputs)
+    """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr. typer.Exit
+    with ABOVE_CODE where the gap is above the limit.
+    """
+    check_outputs(outputs.paths(), (*logs, rig_path))
+    notes, begin = Console(stderr=True), time.monotonic()
+    verdict = _diagnosed(logs, read_rig(rig_path), options, notes)
+    name = ", ".join(path.name for path in logs)
+    result = CaseResult(Case(name, logs, rig_path), time.monotonic() - begin, verdict)
+    texts = output_texts(verdict, [path.name for path in logs], outputs)
+    if outputs.junit:
+        texts.append((outputs.junit, junit_text([result], outputs.fail_above)))
     for warning in verdict.warnings:
         print_warning(notes, warning)
-    for path, text in texts:
-        write_text(path, text)
+    write_all(texts)
     for line in verdict.summary():
-        print_line(Console(), line)
+        print_line(result_console(*outputs.paths()), line)
+    if result.exceeds(outputs.fail_above):
+        print_warning(notes, above_text(result, outputs.fail_above))
+        raise typer.Exit(ABOVE_CODE)
+
+
+def _diagnosed(
+    logs: Sequence[Path], rig: Rig, options: DiagnosisOptions, notes: Console
+) -> Verdict:
+    share = StageShare()
+    with share_bar("reading the logs", notes) as bar:
+        show = replace(options, progress=lambda stage: bar.move_to(share.at(stage), stage))
+        return diagnose(logs, rig, show)
 
 
 def output_texts(
@@ -49,8 +75,7 @@ def output_texts(
     """Paths and texts of the requested files; all texts are made before any file is written."""
     texts = []
     if outputs.json:
-        content = json.dumps(verdict.as_dict(), indent=1, allow_nan=False)
-        texts.append((outputs.json, content + "\n"))
+        texts.append((outputs.json, json_text(verdict.as_dict())))
     if outputs.html:
         texts.append((outputs.html, verdict.page(names).as_html()))
     if outputs.rig:

@@ -3,7 +3,6 @@ the gap on the held-out blocks of a diagnosis.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
-from vgroove.log import Log, write_csv
+from vgroove.log import Log
 from vgroove.rig import Rig
 from vgroove.units import RPM_PER_RAD_S
 
@@ -87,9 +86,9 @@ def gap_table(figures: dict[str, Any]) -> Table:
     return table
 
 
-def write_simulation(problem: Problem, path: str | Path) -> None:
-    """Write the simulated rows of the one log of a problem as a log CSV, with the restarts of the
-    judged gap, without those that a reduced log skips; VgrooveError for several logs.
+def simulated_log(problem: Problem) -> Log:
+    """The simulated rows of the one log of a problem, with the restarts of the judged gap, without
+    those that a reduced log skips; VgrooveError for several logs.
     """
     if len(problem.runs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
@@ -109,4 +108,4 @@ def write_simulation(problem: Problem, path: str | Path) -> None:
     time_s = np.asarray(run.log.time_s)
     kept = ~is_thinned(run.log.columns, len(time_s))
     columns = {name: np.asarray(values)[kept] for name, values in columns.items()}
-    write_csv(Log(time_s[kept], columns, "the simulation"), path)
+    return Log(time_s[kept], columns, "the simulation")

@@ -91,20 +91,23 @@ def bench_command(
     resumes), opened and scored.
     """
     from vgroove.gap_bench.report import bench_page, renewed, tables
-    from vgroove.output import check_outputs, write_json, write_text
+    from vgroove.output import check_outputs, json_text, write_all
+    from vgroove.terminal import result_console
 
     check_outputs((json_path, html_path), ())
     usual = regime or USUAL_REGIMES
     request = Request(half, count, fifth, number or (), removed, without or (), jobs, usual)
     figures = run_bench(request, Console(stderr=True))
     for table in tables(figures):
-        Console().print(table.as_rich())
+        result_console(json_path, html_path).print(table.as_rich())
+    files = []
     if json_path:
-        write_json(json_path, figures, allow_nan=True)
+        files.append((json_path, json_text(figures, allow_nan=True)))
     if html_path:
-        write_text(html_path, bench_page(figures))
+        files.append((html_path, bench_page(figures)))
     if page:
-        write_text(page, renewed(page.read_text(encoding="utf-8"), figures))
+        files.append((page, renewed(page.read_text(encoding="utf-8"), figures)))
+    write_all(files)
 
 
 def run_bench(request: Request, console: Console) -> dict[str, Any]:

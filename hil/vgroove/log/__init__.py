@@ -10,7 +10,7 @@ from pathlib import Path
 from vgroove.errors import VgrooveError
 from vgroove.log.can_files import read_asc, read_blf, read_mf4
 from vgroove.log.column_map import NO_MAP, ColumnMap, column_map
-from vgroove.log.csv_file import csv_header, csv_rows, read_csv, write_csv
+from vgroove.log.csv_file import csv_bytes, csv_header, csv_rows, read_csv, write_csv
 from vgroove.log.frames import log_from_session, log_from_stream
 from vgroove.log.mat_file import read_mat
 from vgroove.log.parquet_file import read_parquet
@@ -38,6 +38,7 @@ __all__ = [
     "as_list",
     "as_log",
     "column_map",
+    "csv_bytes",
     "csv_header",
     "csv_rows",
     "current_is_unsigned",

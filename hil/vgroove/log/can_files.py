@@ -2,6 +2,7 @@
 
 import io
 import re
+import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -67,9 +68,20 @@ def _named_damage(path: Path, kind: str) -> Iterator[None]:
     except (VgrooveError, OSError, MemoryError):
         raise
     except Exception as error:
+        _close_half_made(error)
         raise VgrooveError(
             f"{path}: is a damaged or truncated {kind} file: {error or type(error).__name__}."
         ) from error
+
+
+def _close_half_made(error: Exception) -> None:
+    """Mark the objects of asammdf whose constructor raised `error` as closed: their destructor
+    would close them, which fails on attributes that they lack and prints a traceback.
+    """
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        made = frame.f_locals.get("self")
+        if type(made).__module__.startswith("asammdf.") and hasattr(made, "_closed"):
+            made._closed = True
 
 
 def _telemetry_frames(messages: Iterable[Any]) -> list[telemetry.Frame]:

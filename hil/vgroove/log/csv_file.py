@@ -59,9 +59,15 @@ def _read(path: Path, columns: ColumnMap) -> Log:
     # one array for all rows: joining the chunks at the end would take the memory twice
     lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
     with _text(path) as file:
-        for chunk in _Rows(path, file, dialect).chunks(known):
+        whole = _WholeLines(file)
+        for chunk in _Rows(path, whole, dialect).chunks(known):
             part = slice(count, count := count + len(chunk.lines))
             lines[part], table[:, part] = chunk.lines, chunk.values
+    if whole.cut_line:
+        warnings.append(
+            f"{path}: line {whole.cut_line}: is left out: its line end is missing, so that it may "
+            "have been cut."
+        )
     found = {}
     for n, (column, place) in enumerate(places.items()):
         unit = dialect.units[known[n]] if dialect.units else ""
@@ -88,6 +94,22 @@ def _count_lines(path: Path) -> int:
             if not block:
                 return ends + 1
             done, ends = done + len(block), ends + block.count(b"\n") + block.count(b"\r")
+
+
+class _WholeLines:
+    """The lines of an open file (newline="") without a last line that has no line end; its number
+    is then `cut_line`. The first line is always kept.
+    """
+
+    def __init__(self, file: Iterable[str]) -> None:
+        self._file, self.cut_line = file, 0
+
+    def __iter__(self) -> Iterator[str]:
+        for number, line in enumerate(self._file, 1):
+            if number > 1 and not line.endswith(("\n", "\r")):
+                self.cut_line = number
+                return
+            yield line
 
 
 @dataclass
@@ -253,6 +275,11 @@ def csv_rows(time_s: np.ndarray, columns: Iterable[np.ndarray]) -> bytes:
     return "".join(line % row for row in zip(*table, strict=True)).replace("nan", "NaN").encode()
 
 
+def csv_bytes(log: Log) -> bytes:
+    """A log as the content of a CSV file."""
+    return csv_header(log.columns) + csv_rows(log.time_s, log.columns.values())
+
+
 def write_csv(log: Log, path: str | os.PathLike[str]) -> None:
     """Write a log as CSV, whole or not at all; VgrooveError when it cannot be written."""
-    write_bytes(path, csv_header(log.columns) + csv_rows(log.time_s, log.columns.values()))
+    write_bytes(path, csv_bytes(log))

@@ -30,7 +30,7 @@ def finish(report: "Report", files: "ReportFiles") -> None:
     from vgroove.report import write_report
     from vgroove.terminal import print_line, print_results, table_console
 
-    console = table_console()
+    console = table_console(files.json_path)
     print_results(console, report.lines, report.tables)
     for path in write_report(report, files):
         print_line(console, f"written: {path}")

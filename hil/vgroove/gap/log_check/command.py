@@ -12,7 +12,7 @@ from vgroove.gap.log_check import LogCheck, LogFacts, check_log
 from vgroove.log import Log
 from vgroove.output import write_json
 from vgroove.rig import read_rig
-from vgroove.terminal import print_line, print_warning, table_console
+from vgroove.terminal import print_line, print_warning, result_console
 
 
 def check_file(log: Log, rig_path: Path | None, json_path: Path | None) -> None:
@@ -22,20 +22,20 @@ def check_file(log: Log, rig_path: Path | None, json_path: Path | None) -> None:
     check = check_log(log, None if rig_path is None else read_rig(rig_path))
     if json_path is not None:
         write_json(json_path, check.as_dict())
-    print_check(check, log.warnings)
+    print_check(check, log.warnings, result_console(json_path))
     refusals = [finding.text for finding in check.findings if finding.refuses]
     if refusals:
         raise VgrooveError(f"{log.source}: {'; '.join(refusals)}")
 
 
-def print_check(check: LogCheck, warnings: list[str]) -> None:
+def print_check(check: LogCheck, warnings: list[str], out: Console) -> None:
     """Print facts and remarks of a check."""
     for line in fact_lines(check.facts):
-        print_line(Console(), line)
-    table_console().print(column_table(check.facts))
+        print_line(out, line)
+    out.print(column_table(check.facts))
     for finding in check.findings:
         if not finding.refuses:
-            print_line(Console(), f"{finding.text}")
+            print_line(out, finding.text)
     for warning in warnings:
         print_warning(Console(stderr=True), warning)
 

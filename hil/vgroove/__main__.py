@@ -1,0 +1,5 @@
+"""`python -m vgroove`: the command line."""
+
+from vgroove.cli import main
+
+main()
