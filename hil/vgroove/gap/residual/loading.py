@@ -19,9 +19,13 @@ from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
 from vgroove.gap.residual.restarts import restart_interval_s
+from vgroove.log.table import COLUMN_UNITS
 from vgroove.rig import Rig
 
 RESTART_S = 0.25  # docs/spec/gap.md, section 5
+# Largest magnitude of a judged value, in the unit of its column (chosen): no measurement of a tool
+# comes near it, and squared sums of such values keep their precision.
+MAX_MAGNITUDE = 1e9
 
 
 def load_problem(
@@ -43,7 +47,10 @@ def load_problem(
         raise VgrooveError("no log to judge")
     if restart_s <= 0.0:
         raise VgrooveError("restart_s must be above 0")
-    logs = reduce_long_logs([read(log) for log in logs], rig)
+    logs = [read(log) for log in logs]
+    for log in logs:
+        _check_magnitudes(log)
+    logs = reduce_long_logs(logs, rig)
     runs = tuple(prepare_run(log, rig, restart_s) for log in logs)
     longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
     problem = join_runs(rig, runs, longest_s, threads)
@@ -71,6 +78,18 @@ def read(log: Any) -> Any:
     from vgroove.log import read_log
 
     return read_log(log)
+
+
+def _check_magnitudes(log: Any) -> None:
+    """VgrooveError for a value that no sensor gives, with which the fits would fail."""
+    for name, values in log.columns.items():
+        large = np.flatnonzero(np.abs(values) > MAX_MAGNITUDE)
+        if len(large):
+            raise VgrooveError(
+                f"{log.source}: column {name} is {values[large[0]]:.4g} {COLUMN_UNITS.get(name, '')} "
+                f"at {log.time_s[large[0]]:.10g} s, which no sensor measures: magnitudes up to "
+                f"{MAX_MAGNITUDE:g} are accepted"
+            )
 
 
 def _check_simulated(rig: Rig) -> None:
