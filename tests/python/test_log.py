@@ -167,9 +167,21 @@ def test_rejects_a_row_with_another_number_of_cells(tmp_path: Path, row: str) ->
     refused(written(tmp_path / "a.csv", lines), "line 8", "cells")
 
 
-def test_rejects_a_row_cut_off_at_the_end_of_the_file(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("\n".join(csv_lines()) + "\n0.061,0.")
-    refused(tmp_path / "a.csv", "line 62", "cells")
+@pytest.mark.parametrize("cut", ["0.061,0.", "0.061,0.5,1,1", "0.061", '0.061,"'])
+def test_a_last_row_without_its_line_end_is_left_out_with_a_warning(
+    tmp_path: Path, cut: str
+) -> None:
+    """A current of 17.5 that was cut to 1 cannot be told from a current of 1."""
+    (tmp_path / "a.csv").write_text("\n".join(csv_lines()) + "\n" + cut)
+    log = read_log(tmp_path / "a.csv")
+    assert len(log) == 60 and "line 62: is left out: its line end is missing" in log.warnings[0]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_every_kind_of_line_end_completes_the_last_row(tmp_path: Path, end: str) -> None:
+    (tmp_path / "a.csv").write_bytes((end.join(csv_lines()) + end).encode())
+    log = read_log(tmp_path / "a.csv")
+    assert len(log) == 60 and log.warnings == []
 
 
 @pytest.mark.parametrize(("rows", "enough"), [(49, False), (50, True)])

@@ -108,10 +108,10 @@ def test_comment_lines_are_left_out_and_lines_are_counted_with_them(
     lines = text_of(own(sample())).splitlines()
     lines[0:0] = [f"{sign} recorded by hand, at noon", "", f"  {sign} second"]
     lines.insert(30, f"{sign} pause, here")
-    (tmp_path / "a.csv").write_text("\n".join(lines))
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     assert same(read_log(tmp_path / "a.csv"), sample())
     lines[40] = "0.5,x,1,2"
-    (tmp_path / "a.csv").write_text("\n".join(lines))
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     refused(tmp_path / "a.csv", "line 41", "column duty")
 
 
@@ -129,7 +129,7 @@ def test_columns_without_a_name_are_no_obstacle(tmp_path: Path, kind: str) -> No
     else:
         first = "," + lines[0] if kind == "pandas" else lines[0]
         lines = [first, *(f"{k},{line}" for k, line in enumerate(lines[1:]))]
-    (tmp_path / "a.csv").write_text("\n".join(lines))
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     assert same(read_log(tmp_path / "a.csv"), sample())
 
 
@@ -139,7 +139,7 @@ def test_columns_without_a_name_are_no_obstacle(tmp_path: Path, kind: str) -> No
 def test_a_line_of_units_below_the_names_is_read(tmp_path: Path, units: str) -> None:
     columns = foreign(sample())
     lines = text_of({n: columns[n] for n in ("Time", "I_motor", "n", "U_cmd")}).splitlines()
-    (tmp_path / "a.csv").write_text("\n".join([lines[0], units, "", *lines[1:]]))
+    (tmp_path / "a.csv").write_text("\n".join([lines[0], units, "", *lines[1:], ""]))
     names = [text.split("=")[0].split(":")[0] + "=" + text.split("=")[1] for text in FOREIGN]
     assert same(read_log(tmp_path / "a.csv", column_map(names)), sample(), 1e-9)
 

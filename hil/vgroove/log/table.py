@@ -38,9 +38,6 @@ COLUMN_LABELS = telemetry.COLUMN_LABELS | {
     name: text for name, (_, text) in TEST_BENCH_COLUMNS.items()
 }
 MIN_USABLE_SAMPLES = 50  # docs/spec/gap.md, section 1
-# Largest magnitude of a value, in the unit of its column. No measurement of a tool comes near it;
-# above it the squared sums of the fits lose their precision.
-MAX_MAGNITUDE = 1e9
 MAX_DUTY = 1.0 + 1e-6  # a larger magnitude is reported; 1e-6 is the rounding of a text file
 
 
@@ -134,13 +131,6 @@ def checked(log: Log, lines: np.ndarray | None = None) -> Log:
         if np.isinf(values).any():
             where = place(int(np.argmax(np.isinf(values))))
             raise VgrooveError(f"{log.source}: {where}, column {name}: an infinite value.")
-        large = np.abs(values) > MAX_MAGNITUDE
-        if large.any():
-            at, unit = int(np.argmax(large)), COLUMN_UNITS.get(name, "")
-            raise VgrooveError(
-                f"{log.source}: {place(at)}, column {name}: {values[at]:.4g} {unit} is no measured "
-                f"value: magnitudes up to {MAX_MAGNITUDE:g} are accepted."
-            )
     usable = _usable_samples(log)
     if usable < MIN_USABLE_SAMPLES:
         raise VgrooveError(

@@ -18,10 +18,13 @@ from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
 from vgroove.gap.residual.restarts import restart_interval_s
-from vgroove.log import as_log
+from vgroove.log import COLUMN_UNITS, as_log
 from vgroove.rig import Rig
 
 RESTART_S = 0.25  # docs/spec/gap.md, section 5
+# Largest magnitude of a judged value, in the unit of its column (chosen): no measurement of a tool
+# comes near it, and squared sums of such values keep their precision.
+MAX_MAGNITUDE = 1e9
 
 
 def load_problem(
@@ -43,7 +46,10 @@ def load_problem(
         raise VgrooveError("no log to judge")
     if restart_s <= 0.0:
         raise VgrooveError("restart_s must be above 0")
-    logs = reduce_long_logs([read(log) for log in logs], rig)
+    logs = [read(log) for log in logs]
+    for log in logs:
+        _check_magnitudes(log)
+    logs = reduce_long_logs(logs, rig)
     runs = tuple(prepare_run(log, rig, restart_s) for log in logs)
     longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
     problem = join_runs(rig, runs, longest_s, threads)
@@ -67,6 +73,18 @@ def with_clip(problem: Problem, stated: Mapping[str, float]) -> Problem:
 def read(log: Any) -> Any:
     """A log, read from its file where it is a path."""
     return as_log(log)
+
+
+def _check_magnitudes(log: Any) -> None:
+    """VgrooveError for a value that no sensor gives, with which the fits would fail."""
+    for name, values in log.columns.items():
+        large = np.flatnonzero(np.abs(values) > MAX_MAGNITUDE)
+        if len(large):
+            raise VgrooveError(
+                f"{log.source}: column {name} is {values[large[0]]:.4g} "
+                f"{COLUMN_UNITS.get(name, '')} at {log.time_s[large[0]]:.10g} s, which no sensor "
+                f"measures: magnitudes up to {MAX_MAGNITUDE:g} are accepted"
+            )
 
 
 def _check_simulated(rig: Rig) -> None:
