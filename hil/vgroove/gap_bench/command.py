@@ -90,14 +90,23 @@ def bench_command(
     """The blind set: sealed cases of an independent generator, diagnosed one by one (kept, so a run
     resumes), opened and scored.
     """
-    from vgroove.gap_bench.report import bench_page, renewed, tables
-    from vgroove.output import check_outputs, json_text, write_all
-    from vgroove.terminal import result_console
+    from vgroove.output import check_outputs
 
     check_outputs((json_path, html_path), ())
     usual = regime or USUAL_REGIMES
     request = Request(half, count, fifth, number or (), removed, without or (), jobs, usual)
     figures = run_bench(request, Console(stderr=True))
+    _show_and_write(figures, json_path, html_path, page)
+
+
+def _show_and_write(
+    figures: dict[str, Any], json_path: Path | None, html_path: Path | None, page: Path | None
+) -> None:
+    """Print the tables; write all files or none."""
+    from vgroove.gap_bench.report import bench_page, renewed, tables
+    from vgroove.output import json_text, write_all
+    from vgroove.terminal import result_console
+
     for table in tables(figures):
         result_console(json_path, html_path).print(table.as_rich())
     files = []
