@@ -530,8 +530,10 @@ def main() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except KeyboardInterrupt as interrupt:
-        sys.exit(interrupt.exit_code if isinstance(interrupt, Terminated) else 130)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except Terminated as signalled:
+        sys.exit(signalled.exit_code)
 
 
 if __name__ == "__main__":

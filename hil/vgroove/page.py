@@ -13,6 +13,7 @@ import rich.table
 from plotly.offline import get_plotlyjs
 
 PAGE_WIDTH = 1000  # CSS pixels
+WIDE_PANEL = 0.75  # share of the page's width from which a legend is one line at the right
 LEAST_SHOWN = 1e-4  # smaller magnitudes are shown as "< 0.0001"
 CSS = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:1000px;margin:24px auto;"
@@ -250,6 +251,28 @@ def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
     )
     figure.update_xaxes(showline=True, linecolor="#888", ticks="outside", title_standoff=8)
     figure.update_yaxes(showline=True, linecolor="#888", ticks="outside", title_standoff=8)
+    return figure
+
+
+def legend_per_panel(figure: go.Figure) -> go.Figure:
+    """Give each panel of a styled figure a legend of its own curves, above the panel, and return
+    the figure. For figures whose panels show different curves.
+    """
+    panels = dict.fromkeys((t.xaxis or "x", t.yaxis or "y") for t in figure.data)
+    for number, (x, y) in enumerate(panels, 1):
+        legend = "legend" if number == 1 else f"legend{number}"
+        figure.update_traces(legend=legend, selector={"xaxis": x, "yaxis": y})
+        left, right = figure.layout["xaxis" + x[1:]].domain
+        is_wide = right - left > WIDE_PANEL
+        place = {
+            "orientation": "h" if is_wide else "v",
+            "x": right if is_wide else left,
+            "xanchor": "right" if is_wide else "left",
+            "y": figure.layout["yaxis" + y[1:]].domain[1],
+            "yref": "paper",
+            "yanchor": "bottom",
+        }
+        figure.update_layout({legend: place})
     return figure
 
 

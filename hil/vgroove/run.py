@@ -19,7 +19,7 @@ from vgroove.pty_line import PtyLine
 from vgroove.recorder import recovered_text
 from vgroove.recording_files import file_type
 from vgroove.scenario import Scenario, command_messages, make_plant
-from vgroove.signals import interrupt_on_signals, signals_held
+from vgroove.signals import Terminated, interrupt_on_signals, signals_held
 from vgroove.sil import SilBoard
 from vgroove.terminal import print_line, print_warning
 
@@ -198,7 +198,7 @@ def _run_log(path: Path | None, errors: Console) -> Iterator[RunLog | None]:
         print_warning(errors, recovered_text(path, log.recovered))
     try:
         yield log
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Terminated):
         rows = log.close()
         print_line(errors, f"interrupted: {rows} rows in {path}" if rows else "interrupted")
         raise
@@ -209,7 +209,7 @@ def _run_log(path: Path | None, errors: Console) -> Iterator[RunLog | None]:
 
 def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: Console) -> None:
     """Run a scenario and write its log. On Ctrl-C, a terminate signal or a hang-up
-    (KeyboardInterrupt) the log holds what the board had sent until then.
+    (KeyboardInterrupt, Terminated) the log holds what the board had sent until then.
     """
     if options.output:
         file_type(options.output)

@@ -9,8 +9,10 @@ from types import FrameType
 ENDING = ("SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 
 
-class Terminated(KeyboardInterrupt):
-    """A terminate signal or a hang-up, handled as Ctrl-C is."""
+class Terminated(BaseException):
+    """A terminate signal or a hang-up. It is no KeyboardInterrupt, for which typer chooses the exit
+    code.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__()

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.errors import VgrooveError
-from vgroove.page import Picture, Table, style
+from vgroove.page import Picture, Table, legend_per_panel, style
 from vgroove.reference.blows import BLOW, hits_between
 from vgroove.report import Report
 from vgroove.rig import Rig
@@ -230,7 +230,7 @@ def phase_table(phases: list[dict[str, Any]], period_ms: float) -> Table:
 
 def cycle_picture(found: dict[str, Any]) -> Picture:
     """Five panels over the time from the blow, phases shaded."""
-    figure = make_subplots(rows=len(PANELS), cols=1, shared_xaxes=True, vertical_spacing=0.025)
+    figure = make_subplots(rows=len(PANELS), cols=1, shared_xaxes=True, vertical_spacing=0.04)
     time = found["columns"]["time_ms"]
     for row, (title, curves) in enumerate(PANELS, 1):
         for n, (key, name) in enumerate(curves):
@@ -241,7 +241,7 @@ def cycle_picture(found: dict[str, Any]) -> Picture:
                     name=name,
                     mode="lines",
                     line={"color": CURVE_COLOURS[n], "width": 1.8},
-                    showlegend=len(curves) > 1,
+                    showlegend=len(curves) > 1,  # else the axis names the curve
                 ),
                 row=row,
                 col=1,
@@ -260,7 +260,7 @@ def cycle_picture(found: dict[str, Any]) -> Picture:
     present = {p["phase"] for p in found["phases"]}
     texts = [f"{name}: {phase.text}" for name, phase in PHASES.items() if name in present]
     note = f"Shaded: {'; '.join(texts)}."
-    return Picture("One cycle from blow to blow", style(figure, 1000), note)
+    return Picture("One cycle from blow to blow", legend_per_panel(style(figure, 1000)), note)
 
 
 def shade_phases(figure: go.Figure, found: dict[str, Any]) -> None:

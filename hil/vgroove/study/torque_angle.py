@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove import _core
-from vgroove.page import Picture, Table, style
+from vgroove.page import Picture, Table, legend_per_panel, style
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig
 from vgroove.rig import Rig
@@ -129,7 +129,7 @@ def curve_picture(curves: dict[str, dict[str, np.ndarray]]) -> Picture:
         "Torque at which the head turns, from the start of a run (screws 12 turns deep, springs "
         "4 turns tight); dashed: backwards."
     )
-    return Picture("Torque over angle", style(figure, 520), note)
+    return Picture("Torque over angle", legend_per_panel(style(figure, 520)), note)
 
 
 def other_picture() -> Picture:
@@ -157,4 +157,6 @@ def other_picture() -> Picture:
         figure.update_xaxes(title_text=title, row=1, col=col)
     figure.update_yaxes(title_text="torque in N m", col=1)
     note = "The friction of the free load depends on speed: 0.5 N m, breakaway torque 0.6 N m."
-    return Picture("Torque of the loads that do not slip", style(figure, 430), note)
+    return Picture(
+        "Torque of the loads that do not slip", legend_per_panel(style(figure, 430)), note
+    )

@@ -80,10 +80,10 @@ def _check_magnitudes(log: Any) -> None:
     for name, values in log.columns.items():
         large = np.flatnonzero(np.abs(values) > MAX_MAGNITUDE)
         if len(large):
+            value = f"{values[large[0]]:.4g} {COLUMN_UNITS.get(name, '')}"
             raise VgrooveError(
-                f"{log.source}: column {name} is {values[large[0]]:.4g} "
-                f"{COLUMN_UNITS.get(name, '')} at {log.time_s[large[0]]:.10g} s, which no sensor "
-                f"measures: magnitudes up to {MAX_MAGNITUDE:g} are accepted"
+                f"{log.source}: column {name} is {value} at {log.time_s[large[0]]:.10g} s, "
+                f"which no sensor measures: magnitudes up to {MAX_MAGNITUDE:g} are accepted"
             )
 
 
