@@ -271,8 +271,11 @@ def legend_per_panel(figure: go.Figure) -> go.Figure:
             "y": figure.layout["yaxis" + y[1:]].domain[1],
             "yref": "paper",
             "yanchor": "bottom",
+            "bgcolor": "rgba(0,0,0,0)",  # the axis of the panel above stays visible
         }
         figure.update_layout({legend: place})
+    # plotly leaves out the legend of a single curve unless it is asked for
+    figure.update_traces(showlegend=True, selector=lambda trace: trace.showlegend is None)
     return figure
 
 

@@ -36,6 +36,11 @@ def kept_name(output: Path) -> Path:
     return rows.with_stem(rows.stem + ".recovered-1")
 
 
+def wait_for_size(path: Path, size: int) -> None:
+    """Wait until a file has `size` bytes."""
+    wait_until(lambda: path.exists() and path.stat().st_size > size, f"{path} has {size} bytes")
+
+
 def sent_until_s(pty: PtyBoard) -> float:
     """Board time in s of the last row that the board has sent."""
     return max(direct_log(pty))
@@ -47,10 +52,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second_in_every_format(tmp_pa
         boards = [stack.enter_context(PtyBoard()) for _ in outputs]
         recorders = [start(b.port, o) for b, o in zip(boards, outputs, strict=True)]
         for output in outputs:
-            wait_until(
-                lambda part=growing(output): part.exists() and part.stat().st_size > 20_000,
-                f"{output} grows",
-            )
+            wait_for_size(growing(output), 20_000)
         lost_s = []
         for board, recorder in zip(boards, recorders, strict=True):
             recorder.kill()
@@ -64,9 +66,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second_in_every_format(tmp_pa
             assert set(log.time_s.tolist()) <= set(sent)
         assert max(lost_s) < ALL_BUT_S, dict(zip(ENDINGS, lost_s, strict=True))
         before = {output: growing(output).read_bytes() for output in outputs}
-        again = [
-            start(b.port, o, "--seconds", "0.3") for b, o in zip(boards, outputs, strict=True)
-        ]
+        again = [start(b.port, o, "--seconds", "0.3") for b, o in zip(boards, outputs, strict=True)]
         for output, recorder in zip(outputs, again, strict=True):
             _, text = recorder.communicate(timeout=60)
             assert recorder.returncode == 0, text
