@@ -81,10 +81,11 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
 def write_all(files: Iterable[tuple[Path, bytes | str]]) -> None:
     """Write several files, all or none; texts in UTF-8. VgrooveError when one cannot be written.
 
-    The files get their names after the content of all is on the disk.
+    The files get their names after the content of all is on the disk. Standard output and devices,
+    from which nothing can be taken back, are written last of the contents.
     """
     with ExitStack() as opened:
-        for path, content in files:
+        for path, content in sorted(files, key=lambda file: _is_device(file[0])):
             try:
                 file = opened.enter_context(replacing(path))
                 file.write(content.encode() if isinstance(content, str) else content)

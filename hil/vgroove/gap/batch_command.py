@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vgroove.errors import VgrooveError
+
 if TYPE_CHECKING:
     from vgroove.gap.cases import Case, CaseResult
 
@@ -13,10 +15,20 @@ ERROR_CODE, ABOVE_CODE = 2, 3  # exit codes: a case without a verdict, a gap abo
 JunitPath = Annotated[
     Path | None, typer.Option("--junit", help="Write the outcome as JUnit XML, for pipelines.")
 ]
+
+
+def _checked_limit(limit: float | None) -> float | None:
+    """Callback of --fail-above; VgrooveError for a limit that no gap could exceed or keep."""
+    if limit is not None and not 0.0 <= limit < float("inf"):
+        raise VgrooveError(f"--fail-above must be a gap of 0 or more, not {limit:g}")
+    return limit
+
+
 FailAbove = Annotated[
     float | None,
     typer.Option(
         metavar="GAP",
+        callback=_checked_limit,
         help="End with exit code 3 where gap.after, what the corrected model leaves, is larger.",
     ),
 ]

@@ -3,6 +3,7 @@ and their results as JSON, JUnit XML and table.
 """
 
 import difflib
+import re
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable, Sequence
@@ -19,6 +20,8 @@ from vgroove.rig import read_rig, read_toml
 
 SCHEMA = "vgroove.gap_batch/1"
 RIG_NAME = "rig.toml"
+# Characters that XML 1.0 (W3C, section 2.2) does not allow; a file name may hold them.
+NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 NOT_RUN = "not diagnosed: the batch was interrupted"
 # Keys of a case: type, and whether it must be given.
 KEYS: dict[str, tuple[type | tuple[type, ...], bool]] = {
@@ -199,7 +202,8 @@ def junit_text(results: Sequence[CaseResult], limit: float | None) -> str:
     for one in results:
         _add_test(suite, one, limit)
     ElementTree.indent(root)
-    return ElementTree.tostring(root, "unicode", xml_declaration=True) + "\n"
+    text = ElementTree.tostring(root, "unicode", xml_declaration=True)
+    return NOT_IN_XML.sub("?", text) + "\n"
 
 
 def _add_test(suite: ElementTree.Element, one: CaseResult, limit: float | None) -> None:
