@@ -40,8 +40,8 @@ def batch_command(
         list[Path],
         typer.Argument(
             metavar="CASES.toml|DIR...",
-            help="Files with tables [[case]] (name, logs, rig); or folders with rig.toml and logs, "
-            "or with such folders.",
+            help="TOML files with a table `case` each (name, logs, rig); or folders with rig.toml "
+            "and logs, or with such folders.",
         ),
     ],
     json_path: Annotated[

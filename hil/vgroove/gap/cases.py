@@ -14,7 +14,7 @@ from typing import Any
 from vgroove.errors import VgrooveError
 from vgroove.gap import DiagnosisOptions, Verdict, diagnose
 from vgroove.gap.report import verdict_sentence
-from vgroove.log import LOG_ENDINGS
+from vgroove.log import READERS, column_map
 from vgroove.page import Table
 from vgroove.rig import read_rig, read_toml
 
@@ -32,6 +32,8 @@ KEYS: dict[str, tuple[type | tuple[type, ...], bool]] = {
     "without": (list, False),
     "from_s": ((int, float), False),
     "to_s": ((int, float), False),
+    "as_is": (bool, False),
+    "map": (list, False),
 }
 
 
@@ -89,10 +91,10 @@ def _folder_cases(folder: Path) -> list[Case]:
     places = [folder] if (folder / RIG_NAME).is_file() else sorted(folder.iterdir())
     cases = []
     for place in (place for place in places if (place / RIG_NAME).is_file()):
-        logs = [file for file in sorted(place.iterdir()) if file.suffix.lower() in LOG_ENDINGS]
-        logs = [file for file in logs if not file.name.startswith(".")]
+        names = (file for file in sorted(place.iterdir()) if not file.name.startswith("."))
+        logs = [file for file in names if file.name.lower().endswith(tuple(READERS))]
         if not logs:
-            raise VgrooveError(f"{place}: has a {RIG_NAME} and no log ({', '.join(LOG_ENDINGS)})")
+            raise VgrooveError(f"{place}: has a {RIG_NAME} and no log ({', '.join(READERS)})")
         cases.append(Case(place.resolve().name, logs, place / RIG_NAME))
     if not cases:
         raise VgrooveError(f"{folder}: neither it nor a folder in it has a {RIG_NAME} with logs")
@@ -119,13 +121,16 @@ def _case(entry: dict[str, Any], source: str, folder: Path) -> Case:
             raise VgrooveError(f"{source}: the key {key} is missing")
         if key in entry and not isinstance(entry[key], kind):
             raise VgrooveError(f"{source}: the key {key} has a value of the wrong type")
-    if not all(isinstance(one, str) for one in (*entry["logs"], *entry.get("without", ()))):
-        raise VgrooveError(f"{source}: logs and without are lists of texts")
+    texts = [one for key in ("logs", "without", "map") for one in entry.get(key, ())]
+    if not all(isinstance(one, str) for one in texts):
+        raise VgrooveError(f"{source}: logs, without and map are lists of texts")
     options = DiagnosisOptions(
         entry.get("seed", 0),
         tuple(entry.get("without", ())),
         from_s=entry.get("from_s"),
         to_s=entry.get("to_s"),
+        as_is=entry.get("as_is", False),
+        columns=column_map(entry.get("map", ()), None),
     )
     logs = [folder / name for name in entry["logs"]]
     return Case(entry["name"], logs, folder / entry["rig"], options)

@@ -33,6 +33,7 @@ __all__ = [
     "MEASURED",
     "MIN_USABLE_SAMPLES",
     "NO_MAP",
+    "READERS",
     "ColumnMap",
     "Log",
     "as_list",
