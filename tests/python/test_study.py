@@ -13,10 +13,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 import pytest
+from plotly.subplots import make_subplots
 
 from browser import need_chromium, seen
-from vgroove.page import Table, thin
+from vgroove.page import Table, legend_per_panel, style, thin
 from vgroove.study.step_events import event_rows
 from vgroove.study.steps import largest_below
 
@@ -124,6 +126,22 @@ def test_a_browser_draws_the_page(steps: Path) -> None:
         and "Step sizes: impact cycle and drill driver" in text
     )
     assert not re.search(r"(src|href)=['\"]https?://", text.split("<body", 1)[1])
+
+
+def test_the_pages_of_a_folder_share_one_file_with_plotly(steps: Path) -> None:
+    page = (steps / "steps.html").read_text()
+    assert len(page) < 1e6 and re.search(r"<script src='plotly-[\d.]+\.min\.js'>", page)
+    assert len(list(steps.glob("plotly-*.min.js"))) == 1
+
+
+def test_each_panel_has_a_legend_of_its_own_curves() -> None:
+    figure = make_subplots(rows=2, cols=1)
+    for row, name in ((1, "speed"), (2, "torque"), (2, "load")):
+        figure.add_trace(go.Scatter(x=[0, 1], y=[0, 1], name=name), row=row, col=1)
+    legend_per_panel(style(figure, 500))
+    assert [trace.legend for trace in figure.data] == ["legend", "legend2", "legend2"]
+    assert all(trace.showlegend for trace in figure.data)
+    assert figure.layout.legend.y > figure.layout.legend2.y
 
 
 def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
