@@ -42,7 +42,8 @@ def own_unit(column: str) -> str:
 
 def known_unit(text: str, column: str) -> float | None:
     """What one of a unit is in the column's own unit; None for an unknown unit."""
-    units, name = UNITS.get(own_unit(column), {}), text.strip().translate(SPELLINGS)
+    own = own_unit(column)
+    units, name = UNITS.get(own, {own: 1.0}), text.strip().translate(SPELLINGS)
     if name in units:
         return units[name]
     alike = [factor for unit, factor in units.items() if unit.lower() == name.lower()]
