@@ -11,6 +11,7 @@ import time
 import tty
 
 from vgroove.errors import VgrooveError
+from vgroove.telemetry import Framer
 
 # A serial library flushes its input while it opens a port, during which a real board is in its
 # bootloader: nothing is sent for this time.
@@ -21,6 +22,9 @@ DRAIN_S = 5.0  # a reader that reads nothing for this time counts as stopped
 QUIET_S = 0.3
 POLL_MS = 100  # for room in the buffer
 READ_BYTES = 4096
+BUFFER_BYTES = 4095  # of the reader's buffer in the kernel
+BATCH_BYTES = 1024  # written at once
+ROOM_S = 0.001  # between two looks for room in it
 
 
 class PtyLine:
@@ -28,7 +32,8 @@ class PtyLine:
     context manager.
 
     While a reader has the port open, sending blocks until there is room; otherwise bytes are
-    dropped, as on a wire.
+    dropped, as on a wire. The beginning of a frame waits for its end: a reader that asks for a whole
+    frame within a short time limit, like python-can, would stop at a half one.
     """
 
     def __init__(self) -> None:
@@ -43,6 +48,7 @@ class PtyLine:
         os.set_blocking(self._master, False)
         self._poll = select.poll()
         self._poll.register(self._master, select.POLLOUT | select.POLLIN)
+        self._framer, self._waiting = Framer(), b""
         self.dropped = 0
 
     def __enter__(self) -> "PtyLine":
@@ -72,16 +78,26 @@ class PtyLine:
         return True
 
     def send(self, data: bytes) -> None:
-        """Send bytes to the reader; blocks while its buffer is full, drops them when the port is
-        closed.
+        """Send bytes to the reader except an incomplete frame at their end, which waits for the
+        next call; blocks while the reader's buffer is full, drops them when the port is closed.
         """
+        self._framer.feed(data)
+        data = self._waiting + data
+        complete = len(data) - self._framer.held
+        self._waiting = data[complete:]
+        self._send_now(data[:complete])
+
+    def _send_now(self, data: bytes) -> None:
         while data:
             state = self._state(POLL_MS)
             if state & select.POLLHUP:
                 self.dropped += len(data)
                 return
-            if state & select.POLLOUT:
-                data = data[self._write(data) :]
+            batch = data[:BATCH_BYTES]
+            if state & select.POLLOUT and self._unread() + len(batch) <= BUFFER_BYTES:
+                data = data[self._write(batch) :]
+            else:
+                time.sleep(ROOM_S)
 
     def _write(self, data: bytes) -> int:
         try:

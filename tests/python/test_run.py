@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from vgroove import lockstep
+from vgroove import lockstep, telemetry
 from vgroove.board import BoardInputs, BoardOutputs, default_elf
 from vgroove.log import read_log
 from vgroove.pty_line import PtyLine
@@ -177,6 +177,19 @@ def test_a_slow_reader_loses_nothing() -> None:
         os.waitpid(pid, 0)
         os.close(reader)
     assert bytes(got) == sent
+
+
+def test_a_reader_gets_whole_frames_only() -> None:
+    frame = telemetry.frame_bytes(telemetry.frame_of(5, telemetry.FAST, bytes(7)))
+    with PtyLine() as line:
+        reader = os.open(line.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        got = []
+        for part in (b"\x01" + frame[:7], frame[7:] + frame[:18], frame[18:]):
+            line.send(part)
+            time.sleep(0.05)
+            got.append(os.read(reader, 100))
+        os.close(reader)
+    assert got == [b"\x01", frame, frame]
 
 
 def test_without_a_reader_bytes_are_dropped_and_nothing_blocks() -> None:
