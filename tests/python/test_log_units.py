@@ -141,6 +141,14 @@ def test_a_rate_far_from_the_rigs_is_refused(factor: float, refused: bool) -> No
     assert bool(findings) == refused
 
 
+def test_a_logger_that_writes_its_rows_in_batches_keeps_its_rate() -> None:
+    log, tool = practice()
+    rows = np.arange(len(log))
+    batched = replace(log, time_s=log.time_s[0] + (rows // 16 * 16 + rows % 16 * 0.2) * 1e-3)
+    assert np.median(np.diff(batched.time_s)) * tool.sensors["log_hz"] < 1.0 / 4.0
+    assert not [f for f in check_log(batched, tool).findings if "log_hz" in f.text]
+
+
 def test_the_same_log_twice_is_refused_by_its_content(tmp_path: Path) -> None:
     log, tool = practice()
     shifted = replace(log, time_s=log.time_s + 5.0, source="copy")

@@ -19,7 +19,9 @@ LARGEST = {
     "position_rad": 1e9,
     "load_nm": 1e9,
 }
-MAX_RATE_FACTOR = 3.0  # the median interval may differ from that of log_hz by less than this factor
+# The interval may differ from that of log_hz by less than this factor: the median one, or the mean
+# one of a logger that writes its rows in batches.
+MAX_RATE_FACTOR = 3.0
 # times as seconds: the factor that the stamps are too large by, within this relative tolerance
 TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
 TIME_TOLERANCE = 0.5
@@ -50,13 +52,19 @@ def _largest(log: Log) -> dict[str, float]:
 
 
 def rate_finding(log: Log, rig: Rig) -> list[Finding]:
-    """A finding where the median row interval is far from that of the rig's log_hz."""
+    """A finding where both the median and the mean row interval are far from that of the rig's
+    log_hz.
+    """
     log_hz = rig.sensors.get("log_hz")
     if log_hz is None:
         return []
-    interval_s = float(np.median(np.diff(np.asarray(log.time_s, float))))
+    intervals_s = np.diff(np.asarray(log.time_s, float))
+    interval_s = float(np.median(intervals_s))
     factor = interval_s * log_hz
-    if 1.0 / MAX_RATE_FACTOR <= factor <= MAX_RATE_FACTOR:
+    if any(
+        1.0 / MAX_RATE_FACTOR <= s * log_hz <= MAX_RATE_FACTOR
+        for s in (interval_s, float(intervals_s.mean()))
+    ):
         return []
     stated = (
         f"column time_s: the median interval of the rows is {interval_s:.4g} s, that of the rig's "
