@@ -84,6 +84,7 @@ bench: build $(VENV)/.peers ## comparisons with peers (installs those of the ext
 	$(VENV)/bin/vgroove bench trap --json build/bench_trap.json
 
 proof: build ## checks that take longer; resumable, results into docs/results
+	$(PY) -m pytest -n $(JOBS) --dist loadgroup --no-loadscope-reorder --proof tests
 	$(PY) tests/proof/proof.py
 
 flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega]

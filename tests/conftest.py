@@ -1,5 +1,6 @@
 """Settings of all tests: programs that they start receive Ctrl-C, which a shell disables for jobs
-in the background; the tests of a file run on one worker, so that its fixtures are made once.
+in the background; the tests of a file run on one worker, so that its fixtures are made once; tests
+marked `proof` run with --proof alone.
 """
 
 import signal
@@ -10,11 +11,21 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add --proof."""
+    parser.addoption("--proof", action="store_true", help="Run the tests marked `proof` alone.")
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Make each file a group of `--dist loadgroup`, unless its tests name groups themselves: those
-    are long and are scheduled first, so that no worker is idle at the end.
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Select the tests marked `proof` or all others. Make each file a group of `--dist loadgroup`,
+    unless its tests name groups themselves: those are long and are scheduled first, so that no
+    worker is idle at the end.
     """
+    wanted = config.getoption("proof")
+    left_out = [i for i in items if (i.get_closest_marker("proof") is not None) != wanted]
+    items[:] = [i for i in items if (i.get_closest_marker("proof") is not None) == wanted]
+    config.hook.pytest_deselected(items=left_out)
     items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
     for item in items:
         if item.get_closest_marker("xdist_group") is None:

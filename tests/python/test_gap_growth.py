@@ -5,9 +5,13 @@ log, and at most proportional to the number of effects.
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "proof"))
 
 from gap_growth import cost
+
+pytestmark = pytest.mark.proof
 
 
 def test_a_longer_log_needs_no_more_simulations() -> None:
