@@ -177,12 +177,78 @@ def test_the_parts_that_lose_may_lose_a_tenth_of_what_the_others_gain(
     losses: list[float], little: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gains = np.array([60.0, 40.0, *losses])
-    blocks = SimpleNamespace(tested=np.ones(len(gains), bool))
+    blocks = SimpleNamespace(tested=np.ones(len(gains), bool), cluster=np.arange(len(gains)))
     monkeypatch.setattr(consistency, "partitions", lambda _: iter([np.arange(len(gains))]))
     with_it = SimpleNamespace(out_of_fold=np.full(len(gains), 4.0))
     without = SimpleNamespace(out_of_fold=np.sqrt(16.0 + gains))
     state = SimpleNamespace(blocks=blocks)
     assert consistency.loses_little(state, with_it, without) is little
+
+
+@pytest.mark.parametrize(("scatter", "little"), [(20.0, False), (60.0, True)])
+def test_a_part_loses_only_what_stands_above_the_scatter_of_its_blocks(
+    scatter: float, little: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four blocks lose 100 together; twice the standard deviation of their sum is 2 scatter."""
+    deviation = scatter * 0.75**0.5 / 2.0
+    gains = np.array([400.0, *(-25.0 + deviation * np.array([1.0, -1.0, 1.0, -1.0]))])
+    blocks = SimpleNamespace(tested=np.ones(5, bool), cluster=np.arange(5))
+    monkeypatch.setattr(consistency, "partitions", lambda _: iter([np.array([0, 1, 1, 1, 1])]))
+    with_it = SimpleNamespace(out_of_fold=np.full(5, 4.0))
+    without = SimpleNamespace(out_of_fold=np.sqrt(16.0 + np.maximum(gains, -15.9)))
+    monkeypatch.setattr(
+        consistency,
+        "clipped_squares",
+        lambda residual, _: gains if residual is without.out_of_fold else np.zeros(5),
+    )
+    assert consistency.loses_little(SimpleNamespace(blocks=blocks), with_it, without) is little
+
+
+# --- significance of a size ---
+
+
+def sized(
+    slope: np.ndarray, size: float, noise: np.ndarray, block: np.ndarray
+) -> tuple[SimpleNamespace, SimpleNamespace]:
+    """A search and a fit at size 1 of an effect that is present with another size."""
+    name = BY_ID["coulomb_friction"].name(BY_ID["coulomb_friction"].leading)
+    friction = Coordinate(name, (0,), (1.0,), 0.0, -1.0, 1.0)
+    best = SimpleNamespace(
+        hypothesis=SimpleNamespace(coordinates=(friction,), prior=np.zeros(1)),
+        x=np.ones(1),
+        jacobian=slope[:, None],
+        residual=noise + (1.0 - size) * slope,
+    )
+    blocks = SimpleNamespace(tested=np.ones(len(slope), bool), cluster=block)
+    return SimpleNamespace(blocks=blocks), best
+
+
+@pytest.mark.parametrize("blocks", [8, 30])
+def test_an_absent_effect_is_significant_in_at_most_one_of_a_hundred_fits(blocks: int) -> None:
+    """With noise of heavy tails whose power differs from block to block."""
+    rng, found = np.random.default_rng(7), 0
+    block = np.repeat(np.arange(blocks), 40)
+    for _ in range(1500):
+        power = rng.exponential(size=blocks)[block]
+        noise = power * rng.standard_t(3, size=len(block))
+        slope = 0.1 * rng.normal(size=blocks)[block] + 0.1
+        found += consistency.is_significant_size(
+            *sized(slope, 0.0, noise, block), "coulomb_friction"
+        )
+    assert found <= 0.01 * 1500
+
+
+@pytest.mark.parametrize(("shown_in", "significant"), [(12, True), (1, False)])
+def test_a_size_that_one_block_alone_shows_is_not_significant(
+    shown_in: int, significant: bool
+) -> None:
+    block = np.repeat(np.arange(12), 40)
+    slope = np.where(block < shown_in, 1.0, 1e-3)
+    noise = np.random.default_rng(2).normal(size=len(block))
+    assert (
+        consistency.is_significant_size(*sized(slope, 1.0, noise, block), "coulomb_friction")
+        is significant
+    )
 
 
 # --- flexible corrections ---
