@@ -32,8 +32,8 @@ class PtyLine:
     context manager.
 
     While a reader has the port open, sending blocks until there is room; otherwise bytes are
-    dropped, as on a wire. The beginning of a frame waits for its end: a reader that asks for a whole
-    frame within a short time limit, like python-can, would stop at a half one.
+    dropped, as on a wire. The beginning of a frame waits for its end: a reader that asks for a
+    whole frame within a short time limit, like python-can, would stop at a half one.
     """
 
     def __init__(self) -> None:

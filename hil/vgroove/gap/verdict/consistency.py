@@ -183,8 +183,8 @@ def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
     """Whether the size of an effect differs from 0 at 99 %, by the jackknife over the blocks of the
     bootstrap, with Student's t of the effective number of blocks (J. G. MacKinnon, M. O. Nielsen,
     M. D. Webb, Journal of Econometrics 232 (2023) 272; A. V. Carter, K. T. Schnepel, D. G.
-    Steigerwald, Review of Economics and Statistics 99 (2017) 698): a size that one block alone shows
-    has no significance.
+    Steigerwald, Review of Economics and Statistics 99 (2017) 698): a size that one block alone
+    shows has no significance.
     """
     rows = np.flatnonzero(search.blocks.tested)
     columns, prior = _size_and_other_numbers(best, effect_id)
