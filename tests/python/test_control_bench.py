@@ -22,6 +22,7 @@ from vgroove.control_bench import (
     scores,
     screwing,
     sync,
+    sync_drawn,
     torque,
     torque_drawn,
     vibration,
@@ -180,6 +181,32 @@ def test_drawn_torque_is_judged_at_each_target() -> None:
     assert (found["runs"], found["reached"], found["untold"]) == (7, 5, 1)
     assert (found["worst"], found["beyond_goal"], found["false_alarms"]) == (-0.07, 2, 1)
     assert found["untold_low"] < 1 / 7 < found["untold_high"]
+
+
+def drawn_sync_row(seed: int, variant: str, clean: float, spread: float | None) -> dict[str, Any]:
+    return {"seed": seed, "variant": variant, "clean": clean, "spread": spread}
+
+
+def test_a_motion_of_period_two_is_not_in_step() -> None:
+    assert sync_drawn.in_step(drawn_sync_row(1, "method 1", 1.0, 0.012))
+    assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 1.0, 0.078))
+    assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 0.96, 0.002))
+    assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 0.0, None))
+
+
+def test_drawn_synchronisation_is_judged_in_each_cell() -> None:
+    rows = [drawn_sync_row(n, "without", 0.9, 0.05) for n in range(3)]
+    rows += [drawn_sync_row(0, "method 1", 1.0, 0.01), drawn_sync_row(1, "method 1", 1.0, 0.078)]
+    rows += [drawn_sync_row(2, "method 1", 0.5, 0.2)]
+    found = sync_drawn.compare(rows, "method 1")
+    assert (found["cells"], found["out_of_step"], found["worse"]) == (3, 2, 1)
+    assert (found["clean_worst"], found["spread_worst"]) == (0.5, 0.2)
+    assert found["worst_change"] == pytest.approx(-0.4)
+    seeds = {
+        half: {c["seed"] for c in sync_drawn.cells(4) if c["set"] == half}
+        for half in ("tune", "report")
+    }
+    assert not seeds["tune"] & seeds["report"]
 
 
 def housing_run(wave: Any, seconds: float = 3.0) -> Run:
@@ -639,6 +666,11 @@ def test_fifth_of_torque_control(fifth: Any) -> None:
         and found["cells_met"] >= 1
         and found["std_rms"] <= 0.08
     )
+
+
+def test_fifth_of_torque_control_on_drawn_cells(fifth: Any) -> None:
+    found = summary(fifth("torque_drawn"), draw.NOMINAL)
+    assert found["runs"] >= 50 and found["untold"] == 0 and abs(found["mean_error"]) <= 0.01
 
 
 @pytest.mark.parametrize("gear", list(drill.GEARS))

@@ -11,6 +11,7 @@ from vgroove.control_bench import (
     drill,
     screwing,
     sync,
+    sync_drawn,
     torque,
     torque_drawn,
     vibration,
@@ -20,6 +21,7 @@ from vgroove.control_bench.drill_page import drill_report
 from vgroove.control_bench.jobs import Figures, Job, run_jobs
 from vgroove.control_bench.screwing_page import screwing_report
 from vgroove.control_bench.sets import fifth
+from vgroove.control_bench.sync_drawn_page import sync_drawn_report
 from vgroove.control_bench.sync_page import sync_report
 from vgroove.control_bench.torque_drawn_page import torque_drawn_report
 from vgroove.control_bench.torque_page import torque_report
@@ -94,6 +96,12 @@ def torque_part(choice: Choice) -> Report:
     return torque_report(rows_of(torque.jobs(cells, maps), "torque control", choice), maps)
 
 
+def sync_drawn_part(choice: Choice) -> Report:
+    """Synchronisation on drawn cells."""
+    cells = choice.of(sync_drawn.cells(sync_drawn.DRAWS * choice.draws))
+    return sync_drawn_report(rows_of(sync_drawn.jobs(cells), "drawn synchronisation", choice))
+
+
 def torque_drawn_part(choice: Choice) -> Report:
     """Torque control on drawn cells."""
     cells = choice.of(torque_drawn.cells(torque_drawn.DRAWS * choice.draws))
@@ -110,6 +118,7 @@ def drill_part(choice: Choice) -> Report:
 PARTS: dict[str, Callable[[Choice], Report]] = {
     "blows": blows_part,
     "sync": sync_part,
+    "sync_drawn": sync_drawn_part,
     "screwing": screwing_part,
     "vibration": vibration_part,
     "torque": torque_part,
