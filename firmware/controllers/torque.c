@@ -27,9 +27,9 @@
 #define BLOWS_A_Q8 (9 * 256)  // above the current of a nut that runs freely, below that of blows
 #define BLOWS_MS 600u         // from then on a current above BLOWS_A_Q8 counts as undetected blows
 #define EVALUATE_MS 1200u
-#define SLOW_EVALUATE_MS 1700u  // on the lowest levels, where blows are rarer
+#define SLOW_EVALUATE_MS 600u  // below: later soft joints have the current of hard ones
 #define SETTLE_MS 2800u
-#define SLOW_SETTLE_MS 3300u
+#define SLOW_SETTLE_MS 4400u
 #define SLOW_BELOW_MV 7000
 #define RAISED_EVALUATE_MS 150u
 #define CHANGED_EVALUATE_MS 300u  // on levels at which lugs are hit once instead of twice
@@ -48,6 +48,7 @@
 #define A_Q8_PER_NM 12u        // on raised levels: 11 to 16, 6 where lugs begin to be hit once
 #define MV_PER_NM 105u         // slope of the levels in the map
 #define MISSED_SHARE 16u       // a deviation above 1/16 of the target is a miss
+#define STALL_A_Q8 (4 * 256)   // above that of a hard joint: the motor stands
 
 void torque_start(Torque *self, const TorqueSetpoints *set) {
     const bool known =
@@ -115,10 +116,16 @@ static void measure_voltage(Torque *self, const ControllerInputs *in) {
     }
 }
 
-// On raised levels on which each lug is hit twice the current rises to its value from below and is
-// valid at once.
+// From RUN such a drive goes to its raised level at once: its filters have followed no blows.
+static bool filters_preset(const Torque *self) {
+    return self->settled_a_q8 == TORQUE_MAP_NEVER;
+}
+
+// On raised levels on which each lug is hit twice the current rises from below to its value, if the
+// filters have followed blows: it is valid at once.
 static bool valid_at_once(const Torque *self) {
-    return self->raised_mv > TWICE_ABOVE_MV && self->raised_mv < CHANGED_ABOVE_MV;
+    return !filters_preset(self) && self->raised_mv > TWICE_ABOVE_MV &&
+           self->raised_mv < CHANGED_ABOVE_MV;
 }
 
 // Current that compares with the map's: filtered, with the lag compensated on the highest levels.
@@ -146,7 +153,7 @@ static bool current_valid(const Torque *self) {
     if (valid_at_once(self)) {
         return true;
     }
-    if (self->raised_mv < TWICE_ABOVE_MV) {
+    if (filters_preset(self)) {
         return self->ticks >= LOW_EVALUATE_MS;
     }
     return self->ticks >=
@@ -176,7 +183,7 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
             (self->ticks < BLOWS_MS || high_word(self->current_a_q24) < BLOWS_A_Q8)) {
             return TORQUE_RUN;
         }
-        return self->settled_a_q8 == TORQUE_MAP_NEVER ? TORQUE_RAISED : TORQUE_LEVEL;
+        return filters_preset(self) ? TORQUE_RAISED : TORQUE_LEVEL;
     case TORQUE_LEVEL:
         if (self->ticks < evaluate_ms(self)) {
             return TORQUE_LEVEL;
@@ -202,6 +209,13 @@ static int16_t deviation_nm(int16_t difference, uint8_t per_nm) {
     return (int16_t)(difference < 0 ? -rows : rows);
 }
 
+// A hammer that does not pass the lugs draws the current of the standing motor: the torque is not
+// known, and far below the target.
+static bool stalled(const Torque *self) {
+    return self->state == TORQUE_SETTLE &&
+           high_word(self->slow_a_q24) > self->settled_a_q8 + STALL_A_Q8;
+}
+
 // The drive is over: sets the reason and the estimated torque.
 static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in) {
     int16_t off_nm = 0;
@@ -215,6 +229,8 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
     if (self->full_decisions >= FULL_DECISIONS) {
         const int16_t held_mv = (int16_t)((int16_t)in->supply_mv - high_word(self->taken_mv_q16));
         off_nm = deviation_nm((int16_t)(held_mv - torque_map_level_mv(self->row)), MV_PER_NM);
+    } else if (stalled(self)) {
+        off_nm = (int16_t)-target_nm;
     } else if (self->state == TORQUE_RAISED) {
         off_nm = deviation_nm((int16_t)(joint_a_q8(self) - self->stop_a_q8), A_Q8_PER_NM);
         if (self->raised_mv < TWICE_ABOVE_MV && self->ticks < LOW_EVALUATE_MS + LOW_LATE_MS) {

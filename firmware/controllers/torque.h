@@ -13,7 +13,7 @@
 //   RUN     OVER    target out of range, or supply too low (unreachable)
 //   LEVEL   SETTLE  current of a hard joint
 //   LEVEL   RAISED  current of a soft joint
-//   SETTLE  OVER    settle time elapsed (reached)
+//   SETTLE  OVER    settle time elapsed (reached, missed)
 //   RAISED  OVER    current of the target, or RAISED_MS elapsed (reached, missed, timeout)
 //   any     OVER    bridge fully on for 0.3 s without holding the level (missed)
 #ifndef VGROOVE_CONTROLLERS_TORQUE_H

@@ -2,6 +2,7 @@
 limits on a fifth of its cells.
 """
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,11 +17,14 @@ from vgroove.control_bench import (
     avr,
     blows,
     bound,
+    draw,
     drill,
     scores,
     screwing,
     sync,
+    sync_drawn,
     torque,
+    torque_drawn,
     vibration,
 )
 from vgroove.control_bench.control import PARTS, Choice
@@ -112,6 +116,97 @@ def test_halves_share_no_pair_and_no_seed() -> None:
     }
     assert len(sync.cells()) == 72 and not pairs["tune"] & pairs["report"]
     assert len(Choice(only_fifth=True).of(sync.cells())) == 15
+
+
+def test_drawn_cells_lie_in_their_ranges_and_are_stratified() -> None:
+    cells = torque_drawn.cells(2)
+    for half in ("tune", "report"):
+        for stratum in draw.STRATA:
+            here = [c for c in cells if (c["set"], c["stratum"]) == (half, stratum)]
+            targets = [c["target_nm"] for c in here]
+            assert sorted(targets) == sorted(2 * list(map(float, torque_drawn.TARGETS_NM)))
+            for name, span in {**draw.DRIVE, **torque_drawn.SPANS}.items():
+                values = np.array([c[name] for c in here])
+                assert span.low <= values.min() and values.max() <= span.high, name
+            supplies = np.array([c["supply_v"] for c in here])
+            places = (supplies - 16.0) / 4.5 * len(here)
+            assert sorted(places.astype(int)) == list(range(len(here)))
+
+
+def test_drawn_tools_are_nominal_or_off_in_every_value() -> None:
+    cells = torque_drawn.cells(1)
+    assert all(not c["tool"] for c in cells if c["stratum"] == draw.NOMINAL)
+    off = [c["tool"] for c in cells if c["stratum"] == draw.OFF]
+    for name in draw.TOOL_VALUES:
+        shares = np.array([tool[name] for tool in off])
+        assert 0.95 <= shares.min() < 0.952 and 1.048 < shares.max() <= 1.05, name
+    cell = next(c for c in cells if c["stratum"] == draw.OFF)
+    rig = torque_drawn.joint(cell)
+    for name in draw.TOOL_VALUES:
+        assert rig.value(name) == pytest.approx(reference().value(name) * cell["tool"][name])
+    assert rig.value("supply.voltage_v") == cell["supply_v"]
+    assert rig.value("mechanism.hammer_start_rad") == cell["start_rad"]
+
+
+def test_the_halves_of_drawn_cells_share_no_value() -> None:
+    cells = torque_drawn.cells(2)
+    for name in ("seed", "supply_v", "slope", "start_rad"):
+        halves = [{c[name] for c in cells if c["set"] == half} for half in ("tune", "report")]
+        assert not halves[0] & halves[1]
+        assert len(halves[0]) + len(halves[1]) == len(cells)
+
+
+def test_the_same_seed_draws_the_same_bytes() -> None:
+    first, second = (json.dumps(torque_drawn.cells(2)).encode() for _ in range(2))
+    assert first == second
+    cell = torque_drawn.cells(1)[0]
+    runs = [
+        sil_run(torque_drawn.joint(cell), profile=pull(cell["trigger"]), seed=cell["seed"])
+        for _ in range(2)
+    ]
+    assert runs[0].sent == runs[1].sent
+
+
+def drawn_row(target_nm: float, error: float, reason: str = "reached") -> dict[str, Any]:
+    return {"target_nm": target_nm, "error": error, "reason": reason}
+
+
+def test_drawn_torque_is_judged_at_each_target() -> None:
+    rows = [drawn_row(50.0, 0.01), drawn_row(50.0, 0.02), drawn_row(51.0, 0.04)]
+    rows += [drawn_row(52.0, 0.0), drawn_row(52.0, -0.07), drawn_row(53.0, 0.2, "missed")]
+    rows += [drawn_row(54.0, 0.0, "missed")]
+    targets = {t["target_nm"]: t for t in torque_drawn.target_figures(rows)}
+    assert [targets[nm]["met"] for nm in (50.0, 51.0, 52.0, 53.0)] == [True, False, False, True]
+    found = torque_drawn.compare(rows)
+    assert (found["runs"], found["reached"], found["untold"]) == (7, 5, 1)
+    assert (found["worst"], found["beyond_goal"], found["false_alarms"]) == (-0.07, 2, 1)
+    assert found["untold_low"] < 1 / 7 < found["untold_high"]
+
+
+def drawn_sync_row(seed: int, variant: str, clean: float, spread: float | None) -> dict[str, Any]:
+    return {"seed": seed, "variant": variant, "clean": clean, "spread": spread}
+
+
+def test_a_motion_of_period_two_is_not_in_step() -> None:
+    assert sync_drawn.in_step(drawn_sync_row(1, "method 1", 1.0, 0.012))
+    assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 1.0, 0.078))
+    assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 0.96, 0.002))
+    assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 0.0, None))
+
+
+def test_drawn_synchronisation_is_judged_in_each_cell() -> None:
+    rows = [drawn_sync_row(n, "without", 0.9, 0.05) for n in range(3)]
+    rows += [drawn_sync_row(0, "method 1", 1.0, 0.01), drawn_sync_row(1, "method 1", 1.0, 0.078)]
+    rows += [drawn_sync_row(2, "method 1", 0.5, 0.2)]
+    found = sync_drawn.compare(rows, "method 1")
+    assert (found["cells"], found["out_of_step"], found["worse"]) == (3, 2, 1)
+    assert (found["clean_worst"], found["spread_worst"]) == (0.5, 0.2)
+    assert found["worst_change"] == pytest.approx(-0.4)
+    seeds = {
+        half: {c["seed"] for c in sync_drawn.cells(4) if c["set"] == half}
+        for half in ("tune", "report")
+    }
+    assert not seeds["tune"] & seeds["report"]
 
 
 def housing_run(wave: Any, seconds: float = 3.0) -> Run:
@@ -571,6 +666,11 @@ def test_fifth_of_torque_control(fifth: Any) -> None:
         and found["cells_met"] >= 1
         and found["std_rms"] <= 0.08
     )
+
+
+def test_fifth_of_torque_control_on_drawn_cells(fifth: Any) -> None:
+    found = summary(fifth("torque_drawn"), draw.NOMINAL)
+    assert found["runs"] >= 50 and found["untold"] == 0 and abs(found["mean_error"]) <= 0.01
 
 
 @pytest.mark.parametrize("gear", list(drill.GEARS))

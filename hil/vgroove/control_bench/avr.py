@@ -221,7 +221,7 @@ def differing(case: Case) -> dict[str, Any]:
 
 def avr_bench(parts: Sequence[str]) -> Report:
     """The subset of the named parts; controllers that the firmware lacks are listed as absent."""
-    cases = [case for part in parts for case in CASES[part]]
+    cases = [case for part in parts for case in CASES.get(part, ())]
     rows, lines = [], []
     with step_bar(len(cases)) as tick:
         for case in cases:

@@ -5,13 +5,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vgroove.control_bench import blows, bound, drill, screwing, sync, torque, vibration
+from vgroove.control_bench import (
+    blows,
+    bound,
+    drill,
+    screwing,
+    sync,
+    sync_drawn,
+    torque,
+    torque_drawn,
+    vibration,
+)
 from vgroove.control_bench.blows_page import blows_report
 from vgroove.control_bench.drill_page import drill_report
 from vgroove.control_bench.jobs import Figures, Job, run_jobs
 from vgroove.control_bench.screwing_page import screwing_report
 from vgroove.control_bench.sets import fifth
+from vgroove.control_bench.sync_drawn_page import sync_drawn_report
 from vgroove.control_bench.sync_page import sync_report
+from vgroove.control_bench.torque_drawn_page import torque_drawn_report
 from vgroove.control_bench.torque_page import torque_report
 from vgroove.control_bench.vibration_page import vibration_report
 from vgroove.progress import step_bar
@@ -84,6 +96,18 @@ def torque_part(choice: Choice) -> Report:
     return torque_report(rows_of(torque.jobs(cells, maps), "torque control", choice), maps)
 
 
+def sync_drawn_part(choice: Choice) -> Report:
+    """Synchronisation on drawn cells."""
+    cells = choice.of(sync_drawn.cells(sync_drawn.DRAWS * choice.draws))
+    return sync_drawn_report(rows_of(sync_drawn.jobs(cells), "drawn synchronisation", choice))
+
+
+def torque_drawn_part(choice: Choice) -> Report:
+    """Torque control on drawn cells."""
+    cells = choice.of(torque_drawn.cells(torque_drawn.DRAWS * choice.draws))
+    return torque_drawn_report(rows_of(torque_drawn.jobs(cells), "drawn torque control", choice))
+
+
 def drill_part(choice: Choice) -> Report:
     """Drill driver."""
     return drill_report(
@@ -94,9 +118,11 @@ def drill_part(choice: Choice) -> Report:
 PARTS: dict[str, Callable[[Choice], Report]] = {
     "blows": blows_part,
     "sync": sync_part,
+    "sync_drawn": sync_drawn_part,
     "screwing": screwing_part,
     "vibration": vibration_part,
     "torque": torque_part,
+    "torque_drawn": torque_drawn_part,
     "drill": drill_part,
 }
 

@@ -25,14 +25,16 @@ TICK_S = 1e-3
 SUPPLY_LSB_V = 0.025  # resolution of the supply in the firmware
 RUN_V = 5.5  # level of the run-up
 LEVEL_STEP_V = 0.04
-# Seconds after the level is reached: at MEASURE_S the current is measured, at SETTLE_S the slip
-# torque is settled; below SLOW_BELOW_V both take longer.
+# Seconds after the level is reached at which the current is measured, and seconds from then on
+# until the slip torque is settled. Below SLOW_BELOW_V the current is measured as soon as the
+# filters have settled: it depends little on the torque above about 55 N m, and later soft joints
+# have gained so much torque that their current is that of hard ones.
 MEASURE_S, SETTLE_S = 1.2, 2.8
-SLOW_BELOW_V, SLOW_MEASURE_S, SLOW_SETTLE_S = 7.0, 1.7, 3.3
+SLOW_BELOW_V, SLOW_MEASURE_S, SLOW_SETTLE_S = 7.0, 0.6, 4.4
 MEAN_TICKS = 100  # the measured current is a mean over several blows
 # Smaller targets are below the slip torque that the weakest blows over the lugs lead to: they have
 # a raised level only.
-LEAST_HELD_NM = 60
+LEAST_HELD_NM = 58
 # In the C table in place of a current: none is valid, since the target is below LEAST_HELD_NM.
 NEVER = 255
 # N m/rad, of the slip torque that a level leads to
@@ -40,17 +42,29 @@ HARD_SLOPES = (130.0, 200.0, 330.0, 500.0, 800.0)
 # (supply in V, winding resistance over its nominal value) of the tools of the hard and soft joints
 HELD_TOOLS = ((18.5, 1.0), (16.9, 1.08), (20.1, 0.92))
 RAISED_TOOLS = ((18.5, 1.0), (17.0, 1.07), (20.0, 0.93))
-DIVIDING_SLOPE, SLOW_DIVIDING_SLOPE = 100.0, 88.0  # N m/rad; softer joints get the raised level
+# N m/rad; softer joints get the raised level. Where lugs have begun to be hit once a joint gains
+# little in the settling time and much on the raised level.
+SLOW_DIVIDING_SLOPE, DIVIDING_SLOPE, ONCE_DIVIDING_SLOPE = 88.0, 100.0, 75.0
+ONCE_V = (9.56, 10.3)
+# Levels between which the number of hits of a lug changes (from three to two, from two to one),
+# back and forth: the current does not determine the torque. No row gets such a level.
+CHANGING_V = ((6.74, 7.06), (9.18, 9.54))
 # The dividing current is at least this far below the least current of a hard joint, since irregular
 # blows scatter it.
 DIVIDING_MARGIN_A = 0.1
 SOFT_SLOPES = (50.0, 58.0, 68.0, 80.0, 94.0, 110.0, 130.0)
 # (raised level in V, first and last row in N m): levels at which the current determines the torque
 # and a single blow adds little
-RAISED_V = ((5.6, 40, 57), (8.6, 58, 81), (10.0, 82, 90), (12.7, 91, 105), (13.6, 106, 120))
+RAISED_V = ((5.6, 40, 57), (8.6, 58, 81), (10.0, 82, 93), (12.7, 94, 105), (13.6, 106, 120))
+# Seconds on the raised level until its current is valid, as in torque.c; the points of the fit
+# begin then. Without them the transient of the filters is part of the fit.
+RAISED_VALID_S, LEAD_VALID_S = 0.3, 0.15
 # Added to the stop currents of the lowest level, since noise makes the filtered current pass a
 # limit early
 EARLY_A = 0.03
+
+
+LEAD_ABOVE_V = 11.0  # the lag of the filters is compensated, as in torque.c
 
 
 @dataclass
@@ -150,7 +164,7 @@ class Level:
 
     def map_current_a(self, raised_v: float) -> float:
         """The filtered current over which the map is made, as in torque.c."""
-        if raised_v < 11.0:
+        if raised_v < LEAD_ABOVE_V:
             return self.current_a if 8.0 < raised_v < 9.2 else self.slow_a
         return self.current_a + 0.75 * (self.current_a - self.slow_a)
 
@@ -215,10 +229,16 @@ def held(rig: Rig, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             hard_a.append(measured_a(run, level))
             run.go(level, (SLOW_SETTLE_S if level < SLOW_BELOW_V else SETTLE_S) - 0.05)
             torque[n, m] = run.torque_nm
-        dividing = SLOW_DIVIDING_SLOPE if level < SLOW_BELOW_V else DIVIDING_SLOPE
-        soft_a = measured_a(Run(rig, dividing), level)
+        soft_a = measured_a(Run(rig, dividing_slope(level)), level)
         current[n] = min(soft_a, min(hard_a) - DIVIDING_MARGIN_A)
     return torque, current
+
+
+def dividing_slope(level_v: float) -> float:
+    """Slope in N m/rad between the joints that settle on a level and those that are raised."""
+    if level_v < SLOW_BELOW_V:
+        return SLOW_DIVIDING_SLOPE
+    return ONCE_DIVIDING_SLOPE if ONCE_V[0] <= level_v < ONCE_V[1] else DIVIDING_SLOPE
 
 
 def choose_levels(torque: np.ndarray) -> np.ndarray:
@@ -240,7 +260,7 @@ def raised(rig: Rig, level_v: float, first_nm: int, last_nm: int, before_v: floa
         run = Run(rig, slope, *tool)
         if before_v > RUN_V:
             run.go(before_v, MEASURE_S)
-        run.go(level_v, 0.12)
+        run.go(level_v, RAISED_VALID_S if level_v < LEAD_ABOVE_V else LEAD_VALID_S)
         one = raised_points(run, level_v, first_nm, last_nm)
         if len(one) > 40:
             thinned = np.array(one)[:: max(len(one) // 200, 1)]
@@ -269,6 +289,7 @@ def tables(rig: Rig) -> dict[str, np.ndarray]:
     """Columns level, settled, raised, stop (rows,), in V and A; NaN where a row has no level."""
     targets = np.arange(FIRST_NM, LAST_NM + 1)
     levels = np.round(np.arange(5.4, 11.84, LEVEL_STEP_V) / LEVEL_STEP_V) * LEVEL_STEP_V
+    levels = levels[[not any(low < v < high for low, high in CHANGING_V) for v in levels]]
     torque, dividing = held(rig, levels)
     chosen = choose_levels(torque)
     low = np.full(LEAST_HELD_NM - FIRST_NM, np.nan)

@@ -249,7 +249,7 @@ TEST(Torque, EvaluatesAndSettlesForTheirTimes) {
     struct Wanted {
         int target, evaluate_ms, settle_ms;
     };
-    for (const Wanted &wanted : {Wanted{60, 1700, 3300}, {100, 1200, 2800}}) {
+    for (const Wanted &wanted : {Wanted{60, 600, 4400}, {100, 1200, 2800}}) {
         Tool tool(static_cast<int16_t>(wanted.target));
         tool.current_a = amperes(torque_map_settled_a_q8(row_of(wanted.target))) + 0.5;
         ASSERT_TRUE(tool.run_into(TORQUE_LEVEL));
@@ -305,6 +305,34 @@ TEST(Torque, AFastGainOfTorqueIsDetectedInTime) {
     }
 }
 
+// A drive that went from RUN to a raised level, and its current there.
+Tool preset_on(int raised_mv, double current_a) {
+    Tool tool(80);
+    tool.torque.settled_a_q8 = TORQUE_MAP_NEVER;
+    tool.torque.raised_mv = static_cast<int16_t>(raised_mv);
+    EXPECT_TRUE(tool.run_into(TORQUE_RAISED));
+    tool.current_a = current_a;
+    return tool;
+}
+
+TEST(Torque, NoTransientOfTheStartEndsADrive) {
+    for (const int raised_mv : {5600, 8600, 10000}) {
+        Tool tool = preset_on(raised_mv, 25.0);
+        EXPECT_TRUE(tool.run(300)) << raised_mv;
+        tool.current_a = amperes(torque_map_stop_a_q8(row_of(80))) - 1.0;
+        EXPECT_TRUE(tool.run(3000)) << raised_mv;
+    }
+}
+
+TEST(Torque, AHammerThatDoesNotPassTheLugsIsMissed) {
+    Tool tool(60);
+    tool.current_a = 25.0;
+    ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
+    EXPECT_FALSE(tool.run(6000));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
+    EXPECT_EQ(torque_estimate(&tool.torque), 0);
+}
+
 TEST(Torque, AnEndedDriveStaysEnded) {
     Tool tool(40);
     tool.current_a = 30.0;
@@ -316,7 +344,10 @@ TEST(Torque, AnEndedDriveStaysEnded) {
 
 TEST(Torque, TheMapIsMonotonicAndWithinItsLimits) {
     for (uint8_t row = 0; row < TORQUE_MAP_ROWS; ++row) {
-        EXPECT_EQ(torque_map_settled_a_q8(row) == TORQUE_MAP_NEVER, row < row_of(60)) << int{row};
+        EXPECT_EQ(torque_map_settled_a_q8(row) == TORQUE_MAP_NEVER, row < row_of(58)) << int{row};
+        if (row < row_of(58)) {
+            EXPECT_EQ(torque_map_raised_mv(row), torque_map_raised_mv(0)) << int{row};
+        }
         EXPECT_GE(torque_map_level_mv(row), 5000);
         EXPECT_GT(torque_map_raised_mv(row), torque_map_level_mv(row));
         EXPECT_LE(torque_map_raised_mv(row), 14000);

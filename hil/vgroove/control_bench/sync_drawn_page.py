@@ -1,0 +1,94 @@
+"""Tables of synchronisation on drawn cells."""
+
+from collections.abc import Sequence
+
+from vgroove.control_bench import sync_drawn
+from vgroove.control_bench.draw import NOMINAL, STRATA, seeds_line
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import PLAIN, Figures, present
+from vgroove.control_bench.sets import by_half
+from vgroove.page import table_from_dicts
+from vgroove.report import Report
+
+SUMMARY = [
+    ("tool", "stratum"),
+    ("variant", "variant"),
+    ("set", "set"),
+    ("cells", "cells"),
+    ("clean, mean", "clean"),
+    ("5 % quantile", "clean_tail"),
+    ("worst", "clean_worst"),
+    ("spread, median", "spread"),
+    ("95 % quantile", "spread_tail"),
+    ("worst", "spread_worst"),
+    ("out of step", "out_of_step"),
+    ("share, 95 % interval from", "out_low"),
+    ("to", "out_high"),
+    ("worse than without", "worse"),
+    ("largest loss", "worst_change"),
+]
+WORST = [
+    ("tool", "stratum"),
+    ("variant", "variant"),
+    ("set", "set"),
+    ("supply in V", "supply_v"),
+    ("trigger", "trigger"),
+    ("slip torque in N m", "slip_nm"),
+    ("start in rad", "start_rad"),
+    ("clean", "clean"),
+    ("spread", "spread"),
+]
+
+
+def summary(rows: Sequence[Figures]) -> list[Figures]:
+    """The figures of each stratum, variant and half."""
+    found = []
+    for stratum in STRATA:
+        chosen = [row for row in rows if row["stratum"] == stratum]
+        for variant in dict.fromkeys(row["variant"] for row in chosen):
+            for half, part in by_half(chosen):
+                figures = sync_drawn.compare(part, variant)
+                found.append({"stratum": stratum, "set": half, **figures})
+    return found
+
+
+def goals(found: Sequence[Figures]) -> list[Goal]:
+    """The goals of the controllers with the nominal tool."""
+    listed: list[Goal] = []
+    for f in found:
+        if f["stratum"] == NOMINAL and f["variant"] != PLAIN.name:
+            listed += goals_of(
+                f["variant"],
+                f["set"],
+                ("clean share, mean", f["clean"], sync_drawn.MEAN_CLEAN, False),
+                ("cells out of step", f["out_of_step"], 0),
+                ("cells worse than without control", f["worse"], 0),
+            )
+    return listed
+
+
+def sync_drawn_report(rows: Sequence[Figures]) -> Report:
+    """The part `sync_drawn` as a report."""
+    chosen = present(rows)
+    found = summary(chosen)
+    listed = goals(found)
+    failed = [r for r in chosen if r["variant"] != PLAIN.name and not sync_drawn.in_step(r)]
+    tables = [
+        table_from_dicts("sync_drawn_summary", "Synchronisation, drawn cells", SUMMARY, found),
+        goals_table("sync_drawn", listed),
+        table_from_dicts(
+            "sync_drawn_failed",
+            "Cells out of step, the least clean first",
+            WORST,
+            sorted(failed, key=lambda row: row["clean"]),
+        ),
+    ]
+    data = {
+        "sync_drawn": {
+            "summary": found,
+            "goals": [g.as_dict() for g in listed],
+            "cells": list(rows),
+        }
+    }
+    lines = [*part_lines(listed, rows, "synchronisation"), seeds_line()]
+    return part_report(lines, tables, [], data)

@@ -1,0 +1,151 @@
+"""Torque control between chosen values: every integer target, on joints, supplies, start angles and
+tools that are drawn.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.jobs import Figures, Job, Variant
+from vgroove.control_bench.runs import pull, reference, sil_run
+from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of
+from vgroove.reference.joints import REFERENCE_JOINTS
+from vgroove.rig import Rig
+
+PART = 1  # number of this part in draw.drawn_cells
+FIRST_NM, LAST_NM = 40, 120  # range of torque_target_nm
+TARGETS_NM = tuple(range(FIRST_NM, LAST_NM + 1))
+SPANS = {
+    "target_nm": Span(FIRST_NM, LAST_NM + 1),  # each integer has the same share of it
+    "slope": Span(50.0, 800.0, logarithmic=True),  # N m/rad
+    "joint_friction": Span(0.9, 1.1),  # of the slip torque
+    "rough_share": Span(0.0, 0.03),  # torque of a rough place of the thread, of the target
+    "rough_at": Span(0.3, 1.0),  # where it begins, of the head angle at the target
+}
+ROUGH_WIDTH = 0.1  # of the rough place, of the head angle at the target
+DRAWS = 2  # of each target in a half and stratum
+MAX_SECONDS = 16.0  # more than the firmware's time limits together
+GOAL = 0.03  # mean error and standard deviation at a target, of the target
+MISSED = 1 / 16  # a larger error is a miss, which the firmware has to report as one
+CONTROLLER = Variant("torque", "torque")
+
+
+def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
+    """`draws` cells of each target in each half, for the nominal tool and for tools that are
+    off.
+    """
+    found = drawn_cells(PART, SPANS, draws * len(TARGETS_NM))
+    return [{**cell, "target_nm": float(int(cell["target_nm"]))} for cell in found]
+
+
+def joint(cell: Mapping[str, Any]) -> Rig:
+    """The tool and the joint of a cell."""
+    load = {**REFERENCE_JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": cell["slope"]}
+    rig = drawn_tool(reference(load), cell)
+    turn_rad = cell["target_nm"] / cell["slope"]
+    from_rad = cell["rough_at"] * turn_rad
+    return rig.with_effects(
+        {
+            "thread_friction": {"relative": cell["joint_friction"] - 1.0},
+            "wood_knot": {
+                "torque_nm": cell["rough_share"] * cell["target_nm"],
+                "from_rad": from_rad,
+                "to_rad": from_rad + ROUGH_WIDTH * turn_rad,
+            },
+        }
+    )
+
+
+def work(variant: Variant, **cell: Any) -> Figures:
+    """One drive: the torque that the joint holds, its error, and what the board reports."""
+    run = sil_run(
+        joint(cell),
+        mode=variant.mode,
+        params={"torque_target_nm": cell["target_nm"]},
+        profile=pull(cell["trigger"]),
+        duration_s=MAX_SECONDS,
+        seed=cell["seed"],
+        stop_when=DriveEnd(),
+    )
+    reported = len(run.control["time_s"]) > 0
+    return {
+        "torque_nm": run.tightened_nm,
+        "error": run.tightened_nm / cell["target_nm"] - 1.0,
+        "reason": reason_of(run),
+        "estimate_nm": float(run.control["estimate"][-1]) / 10 if reported else None,
+        "blows": len(run.struck_s),
+        "seconds": run.duration_s,
+        "faults": run.faults,
+    }
+
+
+def jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:
+    """One drive a cell."""
+    return [Job(work, CONTROLLER, cell) for cell in chosen]
+
+
+def reached(row: Figures) -> bool:
+    """Whether the board reported the target as reached."""
+    return row["reason"] not in (*REASONS_REFUSED, "timeout")
+
+
+def untold(row: Figures) -> bool:
+    """Whether a miss was reported as reached."""
+    return reached(row) and abs(row["error"]) > MISSED
+
+
+def target_figures(rows: Sequence[Figures]) -> list[Figures]:
+    """Each target of a stratum: mean error, standard deviation and largest error of the drives
+    reported as reached, misses that were not reported, and whether the goals are met.
+    """
+    found = []
+    for target in sorted({row["target_nm"] for row in rows}):
+        here = [row for row in rows if row["target_nm"] == target]
+        errors = np.array([row["error"] for row in here if reached(row)])
+        figures: Figures = {
+            "target_nm": target,
+            "runs": len(here),
+            "reached": len(errors),
+            "untold": sum(untold(row) for row in here),
+            "mean_error": float(errors.mean()) if len(errors) else None,
+            "std": float(errors.std()) if len(errors) else None,
+            "worst": float(errors[np.argmax(abs(errors))]) if len(errors) else None,
+        }
+        met = not len(errors) or max(abs(errors.mean()), errors.std()) <= GOAL
+        found.append({**figures, "met": bool(met and not figures["untold"])})
+    return found
+
+
+def compare(rows: Sequence[Figures]) -> Figures:
+    """A stratum: mean, standard deviation, adverse quantiles and worst error of the drives reported
+    as reached; those beyond GOAL; misses that were not reported, with the 95 % interval of their
+    share; targets that meet the goals.
+    """
+    errors = np.array([row["error"] for row in rows if reached(row)])
+    failures = sum(untold(row) for row in rows)
+    low, high = failure_interval(failures, len(rows))
+    targets = target_figures(rows)
+    false_alarms = [row for row in rows if not reached(row) and abs(row["error"]) <= GOAL]
+    figures: Figures = {
+        "runs": len(rows),
+        "reached": len(errors),
+        "false_alarms": len(false_alarms),
+        "beyond_goal": int((abs(errors) > GOAL).sum()),
+        "untold": failures,
+        "untold_low": low,
+        "untold_high": high,
+        "targets": len(targets),
+        "targets_met": sum(target["met"] for target in targets),
+    }
+    if not len(errors):
+        return figures
+    least, most = np.quantile(errors, [TAIL, 1.0 - TAIL])
+    return figures | {
+        "mean_error": float(errors.mean()),
+        "std": float(errors.std()),
+        "quantile_low": float(least),
+        "quantile_high": float(most),
+        "worst": float(errors[np.argmax(abs(errors))]),
+    }
