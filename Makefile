@@ -47,9 +47,10 @@ define cmake_build
 	@cmake --build --preset $(1) -j $(JOBS) $(if $(2),--target $(2)) -- --quiet
 endef
 
-build: setup ## build host, both AVR targets and the bindings
+build: setup ## build host, the AVR builds and the bindings
 	$(call cmake_build,dev)
 	$(call cmake_build,avr-uno)
+	$(call cmake_build,avr-uno-drill)
 	$(call cmake_build,avr-mega)
 
 demo: setup ## ELF on a simulated ATmega, a tool with a sealed effect, diagnosis: make demo SEED=n
@@ -87,9 +88,10 @@ proof: build ## checks that take longer; resumable, results into docs/results
 	$(PY) -m pytest -n $(JOBS) --dist loadgroup --no-loadscope-reorder --proof tests
 	$(PY) tests/proof/proof.py
 
-flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega]
+flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega] [TOOL=impact|drill]
 	@test -n "$(PORT)" || { echo "name the port: make flash PORT=/dev/ttyUSB0"; exit 2; }
-	$(PY) -m vgroove.cli flash $(PORT) --target $(or $(TARGET),uno)
+	$(PY) -m vgroove.cli flash $(PORT) --target $(or $(TARGET),uno) \
+	  --tool $(or $(TOOL),impact)
 
 clean:
 	rm -rf build

@@ -1,11 +1,28 @@
 # The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the program of
 # the golden vectors.
 set(VGROOVE_MCU atmega328p CACHE STRING "atmega328p or atmega2560")
+# Whose controllers are compiled in (firmware/app/control_list.h): impact 1, drill 2, both 3.
+if(VGROOVE_MCU STREQUAL "atmega2560")
+  set(default_tool both)
+else()
+  set(default_tool impact)
+endif()
+set(VGROOVE_TOOL ${default_tool} CACHE STRING "impact, drill or both")
+set(tools impact drill both)
+list(FIND tools "${VGROOVE_TOOL}" tool_index)
+if(tool_index EQUAL -1)
+  message(FATAL_ERROR "VGROOVE_TOOL is impact, drill or both, not \"${VGROOVE_TOOL}\"")
+endif()
+math(EXPR tool_number "${tool_index} + 1")
+
 set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections
   -fno-fat-lto-objects -mrelax -mstrict-X -fno-move-loop-invariants)
 
-add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c
+# Sorted as PlatformIO does: the order of the objects changes the code of a link-time optimisation.
+set(target_sources ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c
   hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
+list(SORT target_sources)
+add_executable(vgroove ${target_sources})
 # Code of interrupts is compiled for speed, the rest for size, rarely executed code in addition with
 # fewer inlined functions, which makes it smaller.
 set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c core/ring.c
@@ -15,13 +32,19 @@ set_source_files_properties(app/calibrate.c app/configure.c app/execute.c app/pa
   PROPERTIES COMPILE_OPTIONS -fno-inline-small-functions)
 target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
 target_compile_options(vgroove PRIVATE ${avr_flags})
+target_compile_definitions(vgroove PRIVATE VGROOVE_TOOL=${tool_number})
 target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,--sort-section=alignment
   -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)
 target_link_libraries(vgroove PRIVATE vgroove_warnings)
 set_target_properties(vgroove PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}
   SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
 add_dependencies(vgroove vgroove_build_hash)
+# Of the Uno's 32 KiB the boot loader takes 0.5 to 2, and 2 are reserve.
+set(VGROOVE_FLASH_LIMIT 28672 CACHE STRING "greatest number of flash bytes")
 add_custom_command(TARGET vgroove POST_BUILD
+  COMMAND ${CMAKE_COMMAND} -DELF=$<TARGET_FILE:vgroove> -DTOOL=${VGROOVE_TOOL}
+          -DMCU=${VGROOVE_MCU} -DLIMIT=${VGROOVE_FLASH_LIMIT}
+          -P ${CMAKE_CURRENT_SOURCE_DIR}/flash_limit.cmake
   COMMAND avr-objcopy -O ihex -R .eeprom -R .fuse -R .lock $<TARGET_FILE:vgroove>
           ${CMAKE_BINARY_DIR}/vgroove.hex
   BYPRODUCTS ${CMAKE_BINARY_DIR}/vgroove.hex)

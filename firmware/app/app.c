@@ -21,7 +21,7 @@ void app_init(App *self, uint32_t build_hash) {
                        self->params.value[PARAM_CURRENT_OFFSET_COUNT_Q4]);
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
     trigger_init(&self->trigger);
-    self->host_mode = (uint8_t)self->params.value[PARAM_MODE];
+    self->host_mode = control_built((uint8_t)self->params.value[PARAM_MODE]);
     self->mode = self->host_mode;
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
@@ -109,8 +109,11 @@ static void select_mode(App *self) {
         return;
     }
     const uint8_t position = trigger_mode(&self->trigger);
-    self->mode = (uint8_t)(position == 0u ? self->host_mode
-                                          : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
+    if (position == 0u) {
+        self->mode = self->host_mode;
+        return;
+    }
+    self->mode = control_built((uint8_t)self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
 }
 
 static void note_lateness(App *self, uint8_t ticks_late) {

@@ -4,6 +4,7 @@
 #include "core/flash.h"
 #include "core/inline.h"
 
+#define HAS_TERM(MODE, name, Type, ...) || mode == TELEMETRY_MODE_##MODE
 #define FORWARD_TERM(MODE, name, Type, directions, ...)                                            \
     || (mode == TELEMETRY_MODE_##MODE && (directions) == CONTROL_FORWARD)
 #define BLOWS_TERM(MODE, name, Type, directions, reversed, blows, ...)                             \
@@ -37,11 +38,17 @@ CONTROL_LIST(SOURCE_COUNT_CHECK)
 static const uint8_t sources[][CONTROL_SETPOINTS_MAX] FLASH_TABLE = {CONTROL_LIST(SOURCE_ROW)};
 
 #define COUNT_TERM(MODE, name, Type, ...) +1
-enum { MODE_LAST = TELEMETRY_MODE_DUTY CONTROL_LIST(COUNT_TERM) };
-_Static_assert(MODE_LAST == TELEMETRY_MODE_LAST, "an entry for each mode of the DBC");
+enum {
+    MODES_LISTED = CONTROL_LIST_ALL(COUNT_TERM),
+};
+_Static_assert(MODES_LISTED == TELEMETRY_MODE_LAST, "an entry for each mode of the DBC");
 
 bool control_has(uint8_t mode) {
-    return mode <= MODE_LAST;
+    return mode == TELEMETRY_MODE_DUTY CONTROL_LIST(HAS_TERM);
+}
+
+uint8_t control_built(uint8_t mode) {
+    return control_has(mode) ? mode : TELEMETRY_MODE_DUTY;
 }
 
 static bool forward_only(uint8_t mode) {
@@ -74,7 +81,7 @@ INLINE_NEVER void control_prepare(Control *self, uint8_t mode, const int16_t *va
 
 INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse) {
     self->stopped = false;
-    self->mode = control_has(mode) && !(reverse && forward_only(mode)) ? mode : TELEMETRY_MODE_DUTY;
+    self->mode = reverse && forward_only(mode) ? TELEMETRY_MODE_DUTY : control_built(mode);
     blow_start(&self->blow, &self->blow_set);
     switch (self->mode) { CONTROL_LIST(START_CASE) }
 }

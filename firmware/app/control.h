@@ -50,11 +50,14 @@ typedef struct {
     bool stopped;         // the controller has ended the drive
 } Control;
 
-// Whether the firmware has this mode.
+// Whether this build has the mode: the plain mode, and those of CONTROL_LIST.
 bool control_has(uint8_t mode);
 
-// Copies the setpoints of a mode from the parameters. Called in each tick without a drive, when
-// there are cycles to spare, so that a drive begins with the latest values.
+// The mode if this build has it, otherwise the plain mode.
+uint8_t control_built(uint8_t mode);
+
+// Copies the setpoints of a mode of this build from the parameters. Called in each tick without a
+// drive, when there are cycles to spare, so that a drive begins with the latest values.
 void control_prepare(Control *self, uint8_t mode, const int16_t *value);
 
 // A drive of the prepared mode begins.

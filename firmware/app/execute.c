@@ -71,6 +71,16 @@ static uint8_t calibrate(App *app, const Command *command) {
                                                     : TELEMETRY_ACK_RESULT_NOT_NOW;
 }
 
+// Whether a PARAM_WRITE sets a parameter to a mode that this build does not have.
+static bool writes_missing_mode(const Command *command) {
+    TelemetryParamWrite write;
+    (void)telemetry_unpack_param_write(&write, command->data);
+    const uint8_t index = write.write_index;
+    const bool is_mode = index == PARAM_MODE || index == PARAM_MODE_SWITCH_1 ||
+                         index == PARAM_MODE_SWITCH_2 || index == PARAM_MODE_SWITCH_3;
+    return is_mode && !control_has((uint8_t)write.write_value);
+}
+
 static uint8_t execute(App *app, const Command *command) {
     switch (command->id) {
     case TELEMETRY_SET_MODE_ID:
@@ -81,6 +91,9 @@ static uint8_t execute(App *app, const Command *command) {
         return calibrate(app, command);
     case TELEMETRY_PROFILE_ID:
         return take_profile(app, command);
+    }
+    if (command->id == TELEMETRY_PARAM_WRITE_ID && writes_missing_mode(command)) {
+        return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
     const uint8_t result = param_command(&app->params, &app->telemetry, command, idle(app));
     if (command->id == TELEMETRY_PARAM_WRITE_ID && result == TELEMETRY_ACK_RESULT_OK) {

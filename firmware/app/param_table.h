@@ -15,7 +15,7 @@
 
 // clang-format off
 #define PARAM_LIST(X)                                                                            \
-    X(HALL_PULSES,               "1/turn",   4,     1,    64,    1)                              \
+    X(HALL_PULSES,               "1/turn",   4,     1,    4,     1)                              \
       /* edges of the Hall sensor per turn of the motor */                                       \
     X(HALL_PITCH_0_Q15,          "1",        8192,  2048, 16384, 1)                              \
       /* share of the first of four successive pitches in their sum */                           \

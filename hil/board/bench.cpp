@@ -12,6 +12,7 @@ namespace board {
 namespace {
 
 constexpr unsigned MCUSR = 0x54;
+constexpr unsigned R2 = 2;
 constexpr std::uint8_t BORF = 4;
 constexpr Cycle BOOT_LIMIT = 3200000;  // 0.2 s without Timer0: periods of 510 cycles are assumed
 constexpr Cycle PERIOD = SIM_CYCLES_PER_PERIOD;
@@ -67,7 +68,10 @@ Bench::Bench(const Options &options)
       unmodelled_(machine_) {
     ports_.connect(bridge_);
     pwm_.watch_control([this] { bridge_.changed(); });
-    machine_.reg(MCUSR) = options.reset_cause;
+    machine_.reg(MCUSR) = options.boot_r2 < 0 ? options.reset_cause : 0;
+    if (options.boot_r2 >= 0) {
+        machine_.reg(R2) = static_cast<std::uint8_t>(options.boot_r2);
+    }
     if (!options.profile.empty()) {
         profile_.count_addresses();
     }

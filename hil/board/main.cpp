@@ -23,9 +23,11 @@ constexpr const char *USAGE =
     "FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
     "                     [--cut CYCLE] [--brown-out CYCLE] "
     "[--least-dead CYCLES] [--profile FILE] [--seed N]\n"
+    "                     [--boot-r2 VALUE]\n"
     "Reads one SimInputs a PWM period on stdin, answers one SimOutputs "
     "on stdout (firmware/hal/sim/sim_io.h),\nuntil stdin ends. --cut: the power fails at "
-    "this cycle; --brown-out: reset at this cycle.\n";
+    "this cycle; --brown-out: reset at this cycle.\n"
+    "--boot-r2: a boot loader has cleared MCUSR and left this value in register r2.\n";
 
 std::uint8_t reset_cause(const std::string &name) {
     const char *names[] = {"por", "ext", "bor", "wdt"};
@@ -57,6 +59,8 @@ void set_option(board::Options &options, const std::string &name, const std::str
         options.profile = value;
     } else if (name == "--reset-cause") {
         options.reset_cause = reset_cause(value);
+    } else if (name == "--boot-r2") {
+        options.boot_r2 = static_cast<std::uint8_t>(cycles(name, value));
     } else if (name == "--cut") {
         options.cut = cycles(name, value);
     } else if (name == "--brown-out") {

@@ -69,6 +69,9 @@ def unpack_outputs(message: bytes) -> BoardOutputs:
     return BoardOutputs(coast != 0, compare, dead_counts, tx[:count])
 
 
+TOOLS = ("impact", "drill")
+
+
 def find_board_program() -> Path:
     """Path of vgroove-board: $VGROOVE_BOARD, the newest in the tree's build folders, or PATH."""
     built = sorted(
@@ -87,9 +90,14 @@ def find_board_program() -> Path:
     )
 
 
-def default_elf(target: str = "uno") -> Path:
-    """Path of the firmware that `make build` makes for a target, uno or mega."""
-    return Path(__file__).resolve().parents[2] / "build" / f"avr-{target}" / "vgroove.elf"
+def default_elf(target: str = "uno", tool: str = "impact") -> Path:
+    """Path of the firmware that `make build` makes for a target, uno or mega, and a tool, impact or
+    drill. The Mega's holds the controllers of both.
+    """
+    if tool not in TOOLS:
+        raise VgrooveError(f"the tool of a firmware is impact or drill, not {tool}")
+    build = "avr-uno-drill" if (target, tool) == ("uno", "drill") else f"avr-{target}"
+    return Path(__file__).resolve().parents[2] / "build" / build / "vgroove.elf"
 
 
 def _checked_elf(elf: Path) -> Path:
@@ -124,8 +132,9 @@ class AvrBoard:
     """The ELF on a simulated ATmega, a period at a time; a context manager.
 
     Options are those of vgroove-board (docs/bench.md): eeprom (image file, read and written), stats
-    (file), seed, cut, brown_out, least_dead, reset_cause. Raises VgrooveError when vgroove-board or
-    the ELF is missing, when the ELF does not fit the part, or when the run stops on an error.
+    (file), seed, cut, brown_out, least_dead, reset_cause, boot_r2. Raises VgrooveError when
+    vgroove-board or the ELF is missing, when the ELF does not fit the part, or when the run stops
+    on an error.
     """
 
     def __init__(self, elf: Path, *, mcu: str = "atmega328p", **options: object) -> None:

@@ -252,6 +252,9 @@ def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:
 def flash(
     port: Annotated[str, typer.Argument(help="Serial port of the board: /dev/ttyACM0, COM3.")],
     target: Annotated[str, typer.Option(help="Board: uno or mega.")] = "uno",
+    tool: Annotated[
+        str, typer.Option(help="Tool: impact or drill; the Mega's firmware drives both.")
+    ] = "impact",
     image: Annotated[
         Path | None,
         typer.Option("--hex", help="Hex file; without: the one that `make build` makes."),
@@ -260,7 +263,7 @@ def flash(
     """Write the firmware through the board's bootloader and read it back (avrdude)."""
     from vgroove.flash import flash as flash_board
 
-    flash_board(port, target, image, lambda line: print_line(Console(stderr=True), line))
+    flash_board(port, target, image, tool, lambda line: print_line(Console(stderr=True), line))
 
 
 @app.command()

@@ -45,13 +45,15 @@ def flash(
     port: str,
     target: str = "uno",
     image: Path | None = None,
+    tool: str = "impact",
     on_line: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Flash and verify; `on_line` is called with each line that avrdude prints.
+    """Flash and verify `image`, or the firmware built for `tool`, impact or drill; `on_line` is
+    called with each line that avrdude prints.
 
     VgrooveError with avrdude's error when a byte differs or the board does not answer.
     """
-    command = flash_command(port, target, image or default_elf(target).with_suffix(".hex"))
+    command = flash_command(port, target, image or default_elf(target, tool).with_suffix(".hex"))
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
     )

@@ -13,6 +13,7 @@ from rich.console import Console
 from vgroove import lockstep, telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.errors import VgrooveError
+from vgroove.mode_refusals import refused_modes
 from vgroove.output import check_outputs, unwritable, write_bytes
 from vgroove.progress import ProgressBar, seconds_bar
 from vgroove.pty_line import PtyLine
@@ -55,8 +56,13 @@ def _eeprom_image(path: Path | None) -> bytes | None:
     return image
 
 
-def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
-    """The board that the options name."""
+def _tool_of(scenario: Scenario) -> str:
+    """Whose firmware drives the scenario's tool: drill for a drill driver, else impact."""
+    return "drill" if scenario.tool.mechanism["kind"] == "drill_driver" else "impact"
+
+
+def make_board(options: RunOptions, seed: int, tool: str = "impact") -> AvrBoard | SilBoard:
+    """The board that the options name; `tool`: whose controllers its firmware needs."""
     if options.on == "sil":
         return SilBoard(eeprom=_eeprom_image(options.eeprom))
     if options.on != "avr":
@@ -66,7 +72,7 @@ def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
         )
     if options.target not in MCUS:
         raise VgrooveError(f"--target is uno or mega, not {options.target}")
-    elf = options.elf or default_elf(options.target)
+    elf = options.elf or default_elf(options.target, tool)
     return AvrBoard(
         elf, mcu=MCUS[options.target], stats=options.stats, eeprom=options.eeprom, seed=seed
     )
@@ -105,14 +111,14 @@ def _line(
 
 def _run_in_lockstep(
     scenario: Scenario, options: RunOptions, log: "RunLog | None", out: Console, bar: ProgressBar
-) -> None:
-    """Run the scenario. The log grows while the board sends, so that an interrupted run leaves what
-    was sent until then.
+) -> bytes:
+    """Run the scenario and return what the board has sent. The log grows while the board sends, so
+    that an interrupted run leaves what was sent until then.
     """
     tool = make_plant(scenario.tool, scenario.seed)
     front = scenario.front_ends()
     with (
-        make_board(options, scenario.seed) as board,
+        make_board(options, scenario.seed, _tool_of(scenario)) as board,
         _line(scenario, options, lambda name: print_line(out, name)) as line,
     ):
         begin, done = time.monotonic(), 0
@@ -131,6 +137,7 @@ def _run_in_lockstep(
                 time.sleep(max(0.0, now.time_s - (time.monotonic() - begin)))
         if options.eeprom and isinstance(board, SilBoard):  # vgroove-board writes its image itself
             write_bytes(options.eeprom, board.eeprom())
+    return bytes(now.sent)
 
 
 class RunLog:
@@ -219,9 +226,11 @@ def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: 
     begin, written = time.monotonic(), ""
     with interrupt_on_signals(), _run_log(options.output, errors) as log:
         with seconds_bar(scenario.duration_s, console=errors) as bar:
-            _run_in_lockstep(scenario, options, log, out, bar)
+            sent = _run_in_lockstep(scenario, options, log, out, bar)
         if log is not None:
             written = f", {log.close()} rows in {options.output}"
+    for sentence in refused_modes(scenario.commands, sent):
+        print_warning(errors, sentence)
     took = time.monotonic() - begin
     speed = f"{scenario.duration_s / took:.1f} x real time"
     print_line(errors, f"{scenario.duration_s:g} s simulated in {took:.1f} s ({speed}){written}")

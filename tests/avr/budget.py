@@ -13,6 +13,7 @@ FLASH_LIMIT = 28 * 1024
 RAM_LIMIT = int(1.5 * 1024)
 TICK_CYCLES_MAX = 5000  # of 16,000, including the interrupts within the tick
 CONTROL_CYCLES_MAX = 1500
+ELFS = [f"build/{name}/vgroove.elf" for name in ("avr-uno", "avr-uno-drill", "avr-mega")]
 SOFT_FLOAT = re.compile(
     r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)"
     r"[a-z]*(sf|df|si)?[23]?$"
@@ -63,7 +64,7 @@ def measure(elf: Path) -> Budget:
 
 def main() -> int:
     broken = []
-    for name in sys.argv[1:] or ["build/avr-uno/vgroove.elf", "build/avr-mega/vgroove.elf"]:
+    for name in sys.argv[1:] or ELFS:
         budget = measure(ROOT / name)
         sys.stdout.write(
             f"{name}: flash {budget.flash} of {FLASH_LIMIT}, "

@@ -9,7 +9,8 @@ from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
 
 CONTACT = 1
 DURATION_S = 6.0
-EDGE_CYCLES = 60 * 16e6 / (15900 * 4)  # 15,900 rpm, four edges per turn
+EDGES_PER_TURN = 4
+TURN_CYCLES = 60 * 16e6 / 15900  # 15,900 rpm
 DRIVE_S, COMMANDS_S = 0.4, 0.8
 BYTE_PERIODS = 640 / CYCLES_PER_PERIOD  # bytes at 250 kBd, without a pause
 # 39 to 65 ms between two pairs of commands, so that all phases of a tick occur.
@@ -43,7 +44,7 @@ def commands() -> list[tuple[int, bytes]]:
     return pairs
 
 
-def command_load_tape() -> bytes:
+def command_load_tape(edges_per_turn: int = EDGES_PER_TURN) -> bytes:
     """Packed board inputs, one per PWM period."""
     received: dict[int, bytes] = {}
     for start, pair in commands():
@@ -55,7 +56,7 @@ def command_load_tape() -> bytes:
         edges = []
         while edge < (k + 1) * CYCLES_PER_PERIOD:
             edges.append(int(edge) - k * CYCLES_PER_PERIOD)
-            edge += EDGE_CYCLES
+            edge += TURN_CYCLES / edges_per_turn
         driven = k > (DRIVE_S - 0.05) * PERIODS_PER_SECOND
         travel = 700 + 60 * (k // TRAVEL_PERIODS % 3) if driven else 100
         inputs.append(

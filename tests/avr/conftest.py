@@ -30,20 +30,27 @@ def probe_elfs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 def _firmware(target: str) -> Path:
     named = os.environ.get(f"VGROOVE_{target.upper()}_ELF")
-    elf = Path(named) if named else ROOT / "build" / f"avr-{target}" / "vgroove.elf"
+    folder = "avr-uno-drill" if target == "drill" else f"avr-{target}"
+    elf = Path(named) if named else ROOT / "build" / folder / "vgroove.elf"
     assert elf.is_file(), f"{elf} does not exist: run `make build`"
     return elf
 
 
 @pytest.fixture(scope="session")
 def uno_elf() -> Path:
-    """The firmware for the ATmega328P."""
+    """The firmware of the impact driver for the ATmega328P."""
     return _firmware("uno")
 
 
 @pytest.fixture(scope="session")
+def drill_elf() -> Path:
+    """The firmware of the drill driver for the ATmega328P."""
+    return _firmware("drill")
+
+
+@pytest.fixture(scope="session")
 def mega_elf() -> Path:
-    """The firmware for the ATmega2560."""
+    """The firmware of both tools for the ATmega2560."""
     return _firmware("mega")
 
 

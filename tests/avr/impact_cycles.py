@@ -6,20 +6,21 @@ import sys
 import tempfile
 from pathlib import Path
 
+from builds import BUILDS, UNO_RUNS
 from equality import differences, sent_bytes
-from impact import CASES, impact_tape, random_tape
+from impact import impact_tape, random_tape
 
 from vgroove import board, sil
 from vgroove.board import read_statistics
 
-ELF = Path(__file__).resolve().parents[2] / "build" / "avr-uno" / "vgroove.elf"
+ROOT = Path(__file__).resolve().parents[2]
 
 
-def line(tape: bytes) -> str:
-    """Cycles and free stack of a tape, and its first difference to the native firmware."""
+def line(tape: bytes, elf: Path) -> str:
+    """Cycles and free stack of a tape on an ELF, and its first difference to native."""
     with tempfile.TemporaryDirectory() as folder:
         stats = Path(folder) / "stats.json"
-        avr = sent_bytes(board.replay(ELF, tape, stats=stats))
+        avr = sent_bytes(board.replay(elf, tape, stats=stats))
         report = read_statistics(stats)
     control, tick = report["control"], report["tick"]
     found = differences(sent_bytes(sil.replay(tape, target=1)), avr)
@@ -31,11 +32,14 @@ def line(tape: bytes) -> str:
 
 
 def main() -> None:
-    """Print two lines per case."""
-    for name in sys.argv[1:] or CASES:
+    """Print two lines per case, of the Uno's build that has its mode."""
+    for name, build in UNO_RUNS:
+        if sys.argv[1:] and name not in sys.argv[1:]:
+            continue
+        elf = ROOT / "build" / BUILDS[build].folder / "vgroove.elf"
         sys.stdout.write(
-            f"{name:10} impacts: {line(impact_tape(name))}\n"
-            f"{name:10} random:  {line(random_tape(name))}\n"
+            f"{name:10} impacts: {line(impact_tape(name), elf)}\n"
+            f"{name:10} random:  {line(random_tape(name), elf)}\n"
         )
 
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import budget
 import pytest
+from builds import BUILDS
 
-ELFS = ["uno_elf", "mega_elf"]
 
-
-@pytest.mark.parametrize("elf", ELFS)
+@pytest.mark.parametrize("elf", BUILDS)
 def test_elf_keeps_its_budgets(elf: str, request: pytest.FixtureRequest) -> None:
     assert budget.measure(request.getfixturevalue(elf)).broken() == []
 

@@ -10,18 +10,20 @@ from pathlib import Path
 
 import pytest
 from budget import CONTROL_CYCLES_MAX, TICK_CYCLES_MAX
+from builds import BUILDS, RUNS, UNO_RUNS
 from command_load import answered, command_load_tape, commands
 from equality import sent_bytes
 from exercise import record_tape
-from impact import CASES, impact_tape, random_tape
+from impact import impact_tape, random_tape
 from unequal_pitches import unequal_pitches_tape
 
-from vgroove import board, lockstep
+from vgroove import board, lockstep, telemetry
 from vgroove.board import AvrBoard, read_statistics
+from vgroove.control_bench.runs import eeprom_image
 from vgroove.scenario import command_messages, make_plant, read_scenario
 
 STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
-TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
+TARGETS = {name: build.mcu for name, build in BUILDS.items()}
 ISR_CYCLES_MAX = 120
 ISR_SHARE_MAX = 0.15
 STACK_BYTES_MIN = 400
@@ -170,8 +172,24 @@ def test_worst_tick_with_commands_at_every_phase(
     assert report["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(report["tick"])
 
 
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_greatest_number_of_hall_edges_keeps_the_budgets(
+    target: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """At full speed with commands: the upper limit of parameter hall_pulses."""
+    pulses = next(p.maximum for p in telemetry.parameter_list() if p.name == "hall_pulses")
+    memory, stats = tmp_path / "eeprom.bin", tmp_path / "stats.json"
+    memory.write_bytes(eeprom_image({"hall_pulses": pulses}))
+    elf, tape = request.getfixturevalue(target), command_load_tape(pulses)
+    board.replay(elf, tape, mcu=TARGETS[target], stats=stats, eeprom=memory)
+    report = read_statistics(stats)
+    assert report["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(report["tick"])
+    assert report["isr_share_worst_100ms"] <= ISR_SHARE_MAX
+
+
 TAPES = {"impacts": impact_tape, "random": random_tape}
-RUNS = list(itertools.product(CASES, TAPES))
+UNO_TAPES = [(*run, tape) for run, tape in itertools.product(UNO_RUNS, TAPES)]
+ALL_TAPES = [(*run, tape) for run, tape in itertools.product(RUNS, TAPES)]
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +201,7 @@ def cost(
     """
 
     @functools.cache
-    def measured(case: str, tape: str, target: str = "uno_elf") -> dict:
+    def measured(case: str, target: str, tape: str) -> dict:
         stats = tmp_path_factory.mktemp("cost") / "stats.json"
         board.replay(
             request.getfixturevalue(target), TAPES[tape](case), mcu=TARGETS[target], stats=stats
@@ -193,25 +211,28 @@ def cost(
     return measured
 
 
-@pytest.mark.parametrize(("case", "tape"), RUNS)
-def test_step_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
-    report = cost(case, tape)
+@pytest.mark.parametrize(("case", "target", "tape"), UNO_TAPES)
+def test_step_of_each_controller(
+    cost: Callable[..., dict], case: str, target: str, tape: str
+) -> None:
+    report = cost(case, target, tape)
     # random sensor values end a drive of mode drill early
     assert report["control"]["count"] > (500 if tape == "impacts" else 40)
     assert report["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(report["control"])
 
 
-@pytest.mark.parametrize(("case", "tape"), RUNS)
-def test_tick_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
-    report = cost(case, tape)
+@pytest.mark.parametrize(("case", "target", "tape"), UNO_TAPES)
+def test_tick_of_each_controller(
+    cost: Callable[..., dict], case: str, target: str, tape: str
+) -> None:
+    report = cost(case, target, tape)
     assert report["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(report["tick"])
 
 
-@pytest.mark.parametrize(("case", "tape"), RUNS)
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize(("case", "target", "tape"), ALL_TAPES)
 def test_stack_and_punctuality_of_each_controller(
-    cost: Callable[..., dict], case: str, tape: str, target: str
+    cost: Callable[..., dict], case: str, target: str, tape: str
 ) -> None:
-    report = cost(case, tape, target)
+    report = cost(case, target, tape)
     assert report["stack"]["free_bytes"] >= STACK_BYTES_MIN
     assert report["tick"]["late"] == 0

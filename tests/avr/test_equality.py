@@ -5,16 +5,17 @@ equality test of processor-in-the-loop practice).
 from pathlib import Path
 
 import pytest
+from builds import BUILDS, RUNS
 from command_load import command_load_tape
 from equality import Difference, bridge_differences, damaged, differences, periods_of, sent_bytes
 from exercise import DURATION_S, record_tape
-from impact import CASES, acted, impact_tape, random_tape
+from impact import acted, impact_tape, random_tape
 from unequal_pitches import unequal_pitches_tape
 
 from vgroove import board, sil, telemetry
 from vgroove.log import log_from_stream
 
-TARGETS = {"uno_elf": ("atmega328p", 1), "mega_elf": ("atmega2560", 2)}
+TARGETS = {name: (build.mcu, build.target) for name, build in BUILDS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +95,7 @@ def test_commands_at_every_phase_are_equal_bit_for_bit(
     native_equals_avr(command_load_tape(), target, request)
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize(("case", "target"), RUNS)
 def test_each_controller_is_equal_bit_for_bit(
     case: str, target: str, request: pytest.FixtureRequest
 ) -> None:
@@ -103,8 +103,7 @@ def test_each_controller_is_equal_bit_for_bit(
     assert acted(case, log_from_stream(native, case))
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize(("case", "target"), RUNS)
 def test_random_sensor_values_are_equal_bit_for_bit(
     case: str, target: str, request: pytest.FixtureRequest
 ) -> None:

@@ -3,6 +3,7 @@ same files for speed.
 """
 
 import configparser
+import json
 import re
 from pathlib import Path
 
@@ -12,7 +13,7 @@ FIRMWARE = rules.ROOT / "firmware"
 # CMake says these by target_include_directories and CMAKE_C_STANDARD
 NOT_OF_CMAKE = {"-Ifirmware", "-std=c11"}
 NOT_OF_PLATFORMIO = {"-mmcu=${VGROOVE_MCU}", "-DF_CPU=16000000UL"}  # its boards' own
-BOARDS = {"uno": "uno", "mega": "megaatmega2560"}  # ATmega328P and ATmega2560
+BOARDS = {"uno": "uno", "uno_drill": "uno", "mega": "megaatmega2560"}  # ATmega328P and ATmega2560
 
 
 def ini(text: str | None = None) -> configparser.ConfigParser:
@@ -40,7 +41,7 @@ def sources_of_cmake() -> set[str]:
     cmake = (FIRMWARE / "CMakeLists.txt").read_text()
     listed = re.search(r"set\(firmware_sources(.*?)\)", cmake, re.DOTALL)[1].split()
     avr = re.search(
-        r"add_executable\(vgroove \$\{firmware_sources\}([^)]*)\)",
+        r"set\(target_sources \$\{firmware_sources\}([^)]*)\)",
         (FIRMWARE / "avr.cmake").read_text(),
     )[1].split()
     found = {name for name in (*listed, *avr) if not name.startswith("$")}
@@ -79,6 +80,20 @@ def test_clock_boards_and_rates() -> None:
         for section in parser.sections()
         for option in parser[section]
     ), "bare AVR"
+
+
+def test_tools_are_those_of_the_presets() -> None:
+    presets = json.loads((rules.ROOT / "CMakePresets.json").read_text())["configurePresets"]
+    tools = {
+        preset["name"]: preset["cacheVariables"].get("VGROOVE_TOOL") for preset in presets[-3:]
+    }
+    assert tools == {"avr-uno": None, "avr-uno-drill": "drill", "avr-mega": None}
+    parser = ini()
+    flags = {name: parser[f"env:{name}"]["build_flags"].split() for name in BOARDS}
+    assert flags == {
+        name: ["${env.build_flags}", f"-DVGROOVE_TOOL={number}"]
+        for name, number in {"uno": 1, "uno_drill": 2, "mega": 3}.items()
+    }
 
 
 def test_the_files_for_speed_come_from_cmake() -> None:

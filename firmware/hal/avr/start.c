@@ -11,15 +11,29 @@
 #define ADC_PRESCALE_128 ((1u << ADPS2) | (1u << ADPS1) | (1u << ADPS0))
 #define ADC_TRIGGER_TIMER0_OVERFLOW (1u << ADTS2)
 
+#define RESET_CAUSES ((1u << PORF) | (1u << EXTRF) | (1u << BORF) | (1u << WDRF))
+
 // In .noinit: the reset cause is stored before .bss is cleared.
 uint8_t avr_reset_cause __attribute__((section(".noinit")));
 
+void avr_boot_loader(void) __attribute__((naked, used, section(".init0")));
 void avr_first(void) __attribute__((naked, used, section(".init3")));
+
+// Optiboot clears MCUSR and hands its value over in r2 (optiboot.c, appStart()), which the start-up
+// code keeps until .init2.
+void avr_boot_loader(void) {
+    __asm__ volatile("sts avr_reset_cause, r2");
+}
 
 // After a watchdog reset the watchdog remains enabled with its shortest timeout (avr-libc manual,
 // <avr/wdt.h>).
 void avr_first(void) {
-    avr_reset_cause = MCUSR;
+    const uint8_t cause = MCUSR & RESET_CAUSES;
+    if (cause != 0u) {
+        avr_reset_cause = cause;  // no boot loader, or one that leaves MCUSR alone
+    } else if (avr_reset_cause > RESET_CAUSES) {
+        avr_reset_cause = 0;  // r2 holds no MCUSR
+    }
     MCUSR = 0;
     wdt_disable();
 }

@@ -156,11 +156,11 @@ CASES = {
 SEED = 5
 
 
-def avr_board(image: bytes, folder: Path) -> AvrBoard:
-    """The Uno's ELF with an EEPROM."""
+def avr_board(image: bytes, folder: Path, tool: str) -> AvrBoard:
+    """The Uno's ELF for a tool, impact or drill, with an EEPROM."""
     path = folder / "eeprom.bin"
     path.write_bytes(image)
-    return AvrBoard(default_elf(), eeprom=path, seed=SEED)
+    return AvrBoard(default_elf("uno", tool), eeprom=path, seed=SEED)
 
 
 def run_on_both_boards(case: Case) -> tuple[Run, Run]:
@@ -168,7 +168,8 @@ def run_on_both_boards(case: Case) -> tuple[Run, Run]:
     plan = RunPlan(case.profile, case.mode, case.params, case.seconds, SEED)
     native = run_plan(case.rig(), plan)
     with tempfile.TemporaryDirectory() as folder:
-        avr = replace(plan, board=lambda image: avr_board(image, Path(folder)))
+        tool = "drill" if case.mode == "drill" else "impact"
+        avr = replace(plan, board=lambda image: avr_board(image, Path(folder), tool))
         return native, run_plan(case.rig(), avr)
 
 
