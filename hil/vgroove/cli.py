@@ -419,6 +419,9 @@ def log_check(
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write facts and findings as JSON.")
     ] = None,
+    as_is: Annotated[
+        bool, typer.Option("--as-is", help="Warn of findings that refuse the log; exit code 0.")
+    ] = False,
     maps: Maps = None,
     map_file: MapFile = None,
 ) -> None:
@@ -429,7 +432,7 @@ def log_check(
     from vgroove.log import read_log
 
     _check_outputs(json_path, inputs=[path, *([rig] if rig else [])])
-    check_file(read_log(path, _columns(maps, map_file)), rig, json_path)
+    check_file(read_log(path, _columns(maps, map_file)), rig, json_path, as_is)
 
 
 @gap_app.command("diagnose")

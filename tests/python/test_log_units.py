@@ -196,4 +196,22 @@ def test_commands_end_with_2_for_a_wrong_unit_unless_it_is_wanted(tmp_path: Path
     simulate = ["sim", rig_path, "--log", str(wrong)]
     for given in (check, simulate):
         assert isinstance(CliRunner().invoke(app, given).exception, VgrooveError)
-    assert CliRunner().invoke(app, [*simulate, "--as-is"]).exit_code == 0
+    for given in (check, simulate):
+        done = CliRunner().invoke(app, [*given, "--as-is"])
+        assert done.exit_code == 0 and ("mA=current_a" in done.stderr) == (given is check)
+
+
+def test_a_proposed_map_names_the_column_as_the_file_does(tmp_path: Path) -> None:
+    path = tmp_path / "named.csv"
+    write_csv(scaled(scaled(practice()[0], "current_a", 1e3), "time_s", 1e3), path)
+    header, rest = path.read_text().split("\n", 1)
+    path.write_text(header.replace("time_s", "Zeit").replace("current_a", "Strom") + "\n" + rest)
+    check = ["log", "check", str(path), "--rig", str(PRACTICE / "rig.toml")]
+    time = ["--map", "Zeit=time_s", "--map", "Strom=current_a"]
+    with pytest.raises(VgrooveError, match='--map "Zeit:ms=time_s"'):
+        CliRunner().invoke(app, [*check, *time], catch_exceptions=False)
+    mended = ["--map", "Zeit:ms=time_s", "--map", "Strom=current_a"]
+    with pytest.raises(VgrooveError, match='--map "Strom:mA=current_a"'):
+        CliRunner().invoke(app, [*check, *mended], catch_exceptions=False)
+    done = CliRunner().invoke(app, [*check, *mended[:-1], "Strom:mA=current_a"])
+    assert done.exit_code == 0, done.output

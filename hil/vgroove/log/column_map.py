@@ -3,7 +3,7 @@
 """
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,11 @@ class Place:
 
     name: str
     factor: float | None
+
+
+def other_names(places: Mapping[str, Place]) -> dict[str, str]:
+    """Names in the file of the log columns that have another name there."""
+    return {column: place.name for column, place in places.items() if place.name != column}
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import IO
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.log.column_map import NO_MAP, ColumnMap, Place
+from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names
 from vgroove.log.csv_dialect import Dialect, detect_dialect, is_comment, is_number, with_point
 from vgroove.log.raw_columns import factor_of
 from vgroove.log.table import Log, check_columns, checked
@@ -74,7 +74,8 @@ def _read(path: Path, columns: ColumnMap) -> Log:
         factor = factor_of(place, column, unit, warnings, str(path))
         found[column] = table[n, :count] * factor if factor != 1.0 else table[n, :count]
     time_s = found.pop("time_s")
-    return checked(Log(time_s, found, str(path), warnings), lines[:count])
+    log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
+    return checked(log, lines[:count])
 
 
 def _count_lines(path: Path) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.log.column_map import ColumnMap, Place
+from vgroove.log.column_map import ColumnMap, Place, other_names
 from vgroove.log.nearest import nearest_columns
 from vgroove.log.raw_columns import factor_of
 from vgroove.log.table import Log, check_columns, checked
@@ -53,7 +53,8 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     base = _time_base(mdf, path, columns, found)
     resampled = {c.column: _resampled(c, base) for c in found}
     warnings += _resampling_warnings(path, found, base)
-    return checked(Log(base * time_factor, resampled, str(path), warnings))
+    names = other_names(places)
+    return checked(Log(base * time_factor, resampled, str(path), warnings, read_from=names))
 
 
 def _time_factor(path: Path, place: Place | None, masters: set[str]) -> float:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.log.column_map import ColumnMap, Place
+from vgroove.log.column_map import ColumnMap, Place, other_names
 from vgroove.log.table import Log, check_columns, checked
 from vgroove.log.units_of_columns import TIME_COLUMN, known_unit, own_unit, unit_in_name
 
@@ -63,7 +63,7 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
                 f"{raw.source}: column {places[column].name} has {len(values)} samples, the time "
                 f"has {len(time_s)}."
             )
-    return checked(Log(time_s, found, raw.source, warnings))
+    return checked(Log(time_s, found, raw.source, warnings, read_from=other_names(places)))
 
 
 def numbers(values: Any, where: str) -> np.ndarray:
@@ -87,4 +87,4 @@ def mapped(log: Log, columns: ColumnMap) -> Log:
         return log
     arrays = {TIME_COLUMN: log.time_s} | log.columns
     found = log_from_raw(RawColumns(log.source, list(arrays), arrays.__getitem__), columns)
-    return replace(log, time_s=found.time_s, columns=found.columns)
+    return replace(log, time_s=found.time_s, columns=found.columns, read_from=found.read_from)

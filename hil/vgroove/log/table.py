@@ -59,7 +59,8 @@ class Log:
     sample is missing.
 
     `source` names the origin for messages, `meta` holds what a recording states about the board
-    (boot, parameters, counters).
+    (boot, parameters, counters), `read_from` the names in the file of the columns that have another
+    name there.
     """
 
     time_s: np.ndarray
@@ -67,6 +68,7 @@ class Log:
     source: str
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
+    read_from: dict[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.time_s)

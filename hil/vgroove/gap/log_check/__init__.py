@@ -40,6 +40,10 @@ def check_log(log: Log, rig: Rig | None = None) -> LogCheck:
 
 def refusals_and_warnings(log: Log, rig: Rig | None) -> list[Finding]:
     """Findings on the values of a log and, with a rig, on its rate, units and signs."""
+    return [finding.with_names(log.read_from) for finding in _all_findings(log, rig)]
+
+
+def _all_findings(log: Log, rig: Rig | None) -> list[Finding]:
     findings = plausibility_findings(log)
     if rig is None:
         return findings
@@ -62,7 +66,8 @@ def checked_logs(logs: Sequence[Any], rig: Rig, as_is: bool = False) -> list[Any
 def _with_warnings(log: Any, rig: Rig) -> Any:
     """A log with the warnings of its check; VgrooveError where a finding refuses it."""
     columns = {name: np.asarray(values, float) for name, values in log.columns.items()}
-    table = Log(np.asarray(log.time_s, float), columns, log.source)
+    names = log.read_from if isinstance(log, Log) else {}
+    table = Log(np.asarray(log.time_s, float), columns, log.source, read_from=names)
     findings = refusals_and_warnings(table, rig)
     refusals = [finding.text for finding in findings if finding.refuses]
     if refusals:

@@ -15,16 +15,21 @@ from vgroove.rig import read_rig
 from vgroove.terminal import print_line, print_warning, result_console
 
 
-def check_file(log: Log, rig_path: Path | None, json_path: Path | None) -> None:
-    """Check a log; the facts go to stdout, warnings to stderr. VgrooveError with the findings that
-    refuse the log, after all else is written.
+def check_file(
+    log: Log, rig_path: Path | None, json_path: Path | None, as_is: bool = False
+) -> None:
+    """Check a log; the facts go to stdout, warnings to stderr, with as_is also the findings that
+    refuse the log. VgrooveError with these otherwise, after all else is written.
     """
     check = check_log(log, None if rig_path is None else read_rig(rig_path))
     if json_path is not None:
         write_json(json_path, check.as_dict())
     print_check(check, log.warnings, result_console(json_path))
     refusals = [finding.text for finding in check.findings if finding.refuses]
-    if refusals:
+    if as_is:
+        for text in refusals:
+            print_warning(Console(stderr=True), f"{log.source}: {text}")
+    elif refusals:
         raise VgrooveError(f"{log.source}: {'; '.join(refusals)}")
 
 

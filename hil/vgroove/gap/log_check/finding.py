@@ -1,6 +1,7 @@
 """What a check of a log finds."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from vgroove.gap.log_check.facts import LogFacts
@@ -17,6 +18,13 @@ class Finding:
     text: str
     refuses: bool = False
     warns: bool = False
+
+    def with_names(self, read_from: Mapping[str, str]) -> "Finding":
+        """The finding whose proposed --map options name the columns as the file does."""
+        text = self.text
+        for column, name in read_from.items():
+            text = text.replace(f'--map "{column}:', f'--map "{name}:')
+        return replace(self, text=text)
 
 
 @dataclass(frozen=True)
