@@ -687,17 +687,46 @@ def test_a_rival_of_a_partial_set_counts_where_it_is_established_too(
 
 # Squared gaps: the retuned model leaves 11 (far from the noise: more than 2 in the gap, 4 squared)
 # or 4; every set closes less than 0.7 of it.
-@pytest.mark.parametrize("discrepancy", [1.0, 1.5])
-@pytest.mark.parametrize(("retuned", "after"), [(11.0, 5.0), (4.0, 2.5)])
-def test_an_established_set_that_closes_too_little_is_named_partial(
-    retuned: float, after: float, discrepancy: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("retuned", "after", "discrepancy", "verdict"),
+    [
+        (11.0, 5.0, 1.0, "partial"),
+        (4.0, 2.5, 1.0, "unlisted"),  # near the noise, effects that are present close more
+        (4.0, 2.5, 1.5, "unlisted"),  # whatever the discrepancy of a signal
+    ],
+)
+def test_an_established_set_that_closes_too_little_is_unlisted_where_noise_is_the_limit(
+    retuned: float,
+    after: float,
+    discrepancy: float,
+    verdict: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     state, best = Scored(retuned, retuned, after), named_gap(after, 1)
     state.engine.discrepancy[0] = discrepancy
     state.fits = {("a",): best}
     monkeypatch.setattr(decision, "established_set", lambda *_: best)
     found = decision.decide(selected(state, best), structure(True), {})
-    assert found.verdict == "partial" and found.names_effects
+    assert (found.verdict, found.names_effects) == (verdict, verdict == "partial")
+
+
+@pytest.mark.parametrize(
+    ("gap", "discrepancy", "balance", "limited"),
+    [
+        (1.99, 1.0, False, True),
+        (2.01, 1.0, False, False),
+        (1.99, 1.01, False, True),
+        (1.99, 1.0, True, False),
+    ],
+)
+def test_noise_is_the_limit_of_a_forward_simulation_near_it(
+    gap: float, discrepancy: float, balance: bool, limited: bool
+) -> None:
+    """balance: whether the torque balance is fitted in place of the forward simulation."""
+    state, best = Scored(11.0, 11.0, gap**2), named_gap(gap**2, 1)
+    state.engine.discrepancy[2] = discrepancy
+    state.gap_problem = SimpleNamespace() if balance else None
+    assert bool(decision.is_limited_by_noise(state, best)) is limited
 
 
 # The sensors' noise has a quarter of the power of noise and model discrepancy together: the

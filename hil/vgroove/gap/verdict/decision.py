@@ -67,6 +67,8 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
     if not best.ids and not is_unlisted_gap(search, best, remainder):
         return Finding("none", best, [], remainder)
     part = established_set(search, best, covariates)
+    if part.ids and is_doubtful(search, part) and is_limited_by_noise(search, part):
+        part = search.retuned
     if not part.ids:
         return without_established(selection, remainder)
     same = key(part.ids) == key(best.ids)
@@ -79,6 +81,14 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
 def leaves_visible_gap(search: Search, best: Fit) -> bool:
     """Whether a set leaves a visible gap above the sensors' noise."""
     return relative_excess_power(search, best) > COMPARISON.visible_excess
+
+
+def is_limited_by_noise(search: Search, best: Fit) -> bool:
+    """Whether a set ends near the sensors' noise. Effects that are present close the gap there, and
+    a set that closes too little imitates what is outside the catalogue.
+    """
+    near = search.reported_gap(best) < COMPARISON.far_from_noise * search.floor
+    return search.gap_problem is None and near
 
 
 def without_remainder(selection: Selection, remainder: Remainder) -> Finding:
