@@ -1,6 +1,6 @@
 """Settings of all tests: programs that they start receive Ctrl-C, which a shell disables for jobs
-in the background; the tests of a file run on one worker, so that its fixtures are made once; tests
-marked `proof` run with --proof alone.
+in the background, and SIGHUP, which nohup disables; the tests of a file run on one worker, so that
+its fixtures are made once; tests marked `proof` run with --proof alone.
 """
 
 import signal
@@ -9,6 +9,7 @@ import pytest
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -1,7 +1,6 @@
 // Torque control, see torque.h.
 #include "controllers/torque.h"
 
-#include "controllers/torque_map.h"
 #include "core/divide.h"
 #include "core/fixed.h"
 #include "core/inline.h"
@@ -16,7 +15,6 @@
 // since what they turn cannot be undone.
 #define TAKEN_FIRST_MV (-250)
 
-#define RUN_MV 5500       // least level at which the hammer climbs over the lugs, with a margin
 #define RUN_MV_PER_MS 30  // rate of the level in RUN
 #define MV_PER_MS 8       // and in the other states
 #define RUN_MS 100u       // in RUN the feed-forward adapts from then on
@@ -55,7 +53,7 @@ void torque_start(Torque *self, const TorqueSetpoints *set) {
         set->target_nm >= TORQUE_MAP_FIRST_NM && set->target_nm <= TORQUE_MAP_LAST_NM;
     *self = (Torque){.taken_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536,
                      .excess_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536,
-                     .goal_mv = RUN_MV};
+                     .goal_mv = torque_map_run_mv()};
     if (!known) {
         self->state = TORQUE_OVER;
         self->reason = CONTROLLER_REASON_UNREACHABLE;

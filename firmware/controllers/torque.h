@@ -24,6 +24,7 @@
 
 #include "controllers/blow.h"
 #include "controllers/controller.h"
+#include "controllers/torque_map.h"
 
 typedef enum {
     TORQUE_RUN,     // before the first blows

@@ -60,22 +60,30 @@ nb::list reported_blows(const Firmware &self) {
     return reported;
 }
 
-void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int target, int isr_cycles,
-                   int tick_cycles) {
+// A byte string of a fixed size from an object that is bytes or None; false for None.
+bool take_image(const nb::object &object, std::size_t size, const char *what, std::string &image) {
+    if (object.is_none())
+        return false;
+    const nb::bytes given = nb::cast<nb::bytes>(object);
+    if (given.size() != size)
+        throw std::invalid_argument(std::string("Firmware: ") + what + " has " +
+                                    std::to_string(size) + " bytes");
+    image.assign(given.c_str(), given.size());
+    return true;
+}
+
+void firmware_init(Firmware *self, const nb::object &eeprom, int reset_cause, int target,
+                   int isr_cycles, int tick_cycles, const nb::object &torque_map) {
     if (reset_cause < 0 || reset_cause > 15 || target < 0 || target > 15)
         throw std::invalid_argument("Firmware: reset_cause and target are 0..15");
     if (isr_cycles < 0 || isr_cycles > 300 || tick_cycles < 260 || tick_cycles > 8000)
         throw std::invalid_argument("Firmware: isr_cycles is 0..300, tick_cycles 260..8000");
     SimStart start = SIM_START_DEFAULT;
-    std::string image;
-    if (!eeprom.is_none()) {
-        const nb::bytes given = nb::cast<nb::bytes>(eeprom);
-        if (given.size() != SIM_EEPROM_BYTES)
-            throw std::invalid_argument("Firmware: an EEPROM image has " +
-                                        std::to_string(SIM_EEPROM_BYTES) + " bytes");
-        image.assign(given.c_str(), given.size());
+    std::string image, map_image;
+    if (take_image(eeprom, SIM_EEPROM_BYTES, "an EEPROM image", image))
         start.eeprom = reinterpret_cast<const std::uint8_t *>(image.data());
-    }
+    if (take_image(torque_map, SIM_TORQUE_MAP_BYTES, "a torque map", map_image))
+        start.torque_map = reinterpret_cast<const std::uint8_t *>(map_image.data());
     start.reset_cause = static_cast<std::uint8_t>(reset_cause);
     start.target = static_cast<std::uint8_t>(target);
     start.isr_cycles = static_cast<std::uint16_t>(isr_cycles);
@@ -140,9 +148,11 @@ void bind_firmware(nb::module_ &module) {
         "One at a time in a process.\n"
         "eeprom: image of 1,024 bytes or None (erased); reset_cause and target as BOOT reports "
         "them; isr_cycles and\n"
-        "tick_cycles delay interrupts and the tick; the bytes sent must not depend on them.")
+        "tick_cycles delay interrupts and the tick; the bytes sent must not depend on them; "
+        "torque_map: image of a TorqueMap (406 bytes) or None (the one in the source).")
         .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1,
-             "target"_a = 0, "isr_cycles"_a = SIM_ISR_CYCLES, "tick_cycles"_a = SIM_TICK_CYCLES)
+             "target"_a = 0, "isr_cycles"_a = SIM_ISR_CYCLES, "tick_cycles"_a = SIM_TICK_CYCLES,
+             "torque_map"_a.none() = nb::none())
         .def("period", &period, "adc_counts"_a, "edges"_a = std::vector<int>(), "switches"_a = 0,
              "rx"_a = nb::bytes("", 0),
              "One period: counts of current, bus, trigger, temperature at its end; Hall edges as "

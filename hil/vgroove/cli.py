@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from vgroove.adapt.command import adapt_command
 from vgroove.control_bench.command import app as control_app
 from vgroove.errors import VgrooveError
 from vgroove.gap.batch_command import FailAbove, JunitPath
@@ -264,6 +265,9 @@ def flash(
     from vgroove.flash import flash as flash_board
 
     flash_board(port, target, image, tool, lambda line: print_line(Console(stderr=True), line))
+
+
+app.command("adapt")(adapt_command)
 
 
 @app.command()

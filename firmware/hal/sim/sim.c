@@ -316,9 +316,27 @@ static void latch_bridge(void) {
     sim.out.dead_counts = sim.app.bridge.dead_counts;
 }
 
+_Static_assert(sizeof(TorqueMap) == SIM_TORQUE_MAP_BYTES, "the map has no padding");
+
+// Replaces the torque map; NULL: by the one in the source, kept before the first replacement.
+static void replace_torque_map(const uint8_t *replacement) {
+    static TorqueMap in_source;
+    static bool kept;
+    if (!kept) {
+        in_source = torque_map;
+        kept = true;
+    }
+    if (replacement != NULL) {
+        memcpy(&torque_map, replacement, sizeof torque_map);
+    } else {
+        torque_map = in_source;
+    }
+}
+
 void sim_reset(const SimStart *start, SimOutputs *outputs) {
     memset(&sim, 0, sizeof sim);
     sim.start = *start;
+    replace_torque_map(start->torque_map);
     if (start->eeprom != NULL) {
         memcpy(sim.eeprom, start->eeprom, SIM_EEPROM_BYTES);
     } else {

@@ -15,17 +15,19 @@ extern "C" {
 #endif
 
 #define SIM_EEPROM_BYTES 1024u
+#define SIM_TORQUE_MAP_BYTES 406u  // of TorqueMap
 #define SIM_RESET_POWER_ON 1u
 #define SIM_TARGET_NATIVE 0u
 
 // Initial conditions of a run. The latencies change when code runs, not what it computes: tests
 // vary them.
 typedef struct {
-    const uint8_t *eeprom;  // SIM_EEPROM_BYTES, NULL: erased
-    uint8_t reset_cause;    // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
-    uint8_t target;         // what BOOT reports: TELEMETRY_TARGET_*
-    uint16_t isr_cycles;    // from interrupt to its code, at most 300
-    uint16_t tick_cycles;   // from tick to the start of app_tick, 260 .. 8,000
+    const uint8_t *eeprom;      // SIM_EEPROM_BYTES, NULL: erased
+    uint8_t reset_cause;        // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
+    uint8_t target;             // what BOOT reports: TELEMETRY_TARGET_*
+    uint16_t isr_cycles;        // from interrupt to its code, at most 300
+    uint16_t tick_cycles;       // from tick to the start of app_tick, 260 .. 8,000
+    const uint8_t *torque_map;  // SIM_TORQUE_MAP_BYTES, NULL: the one in the source
 } SimStart;
 
 // Default latencies. An ADC result comes 54 cycles before the end of a period; with an interrupt
@@ -33,7 +35,7 @@ typedef struct {
 #define SIM_ISR_CYCLES 80u
 #define SIM_TICK_CYCLES 400u
 #define SIM_START_DEFAULT                                                                          \
-    { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, SIM_ISR_CYCLES, SIM_TICK_CYCLES }
+    { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, SIM_ISR_CYCLES, SIM_TICK_CYCLES, 0 }
 
 // Period 0 begins at the first TOP after the start of the timers; `outputs` apply to it.
 void sim_reset(const SimStart *start, SimOutputs *outputs);

@@ -37,8 +37,8 @@ def control_command(
         list[str] | None,
         typer.Option(
             "--part",
-            help="blows, sync, sync_drawn, screwing, vibration, torque, torque_drawn, drill; again "
-            "for more. Without: all.",
+            help="blows, sync, sync_drawn, screwing, vibration, torque, torque_drawn, "
+            "torque_adapted, drill; again for more. Without: all.",
         ),
     ] = None,
     half: Annotated[

@@ -13,6 +13,7 @@ from vgroove.control_bench import (
     sync,
     sync_drawn,
     torque,
+    torque_adapted,
     torque_drawn,
     vibration,
 )
@@ -23,7 +24,7 @@ from vgroove.control_bench.screwing_page import screwing_report
 from vgroove.control_bench.sets import fifth
 from vgroove.control_bench.sync_drawn_page import sync_drawn_report
 from vgroove.control_bench.sync_page import sync_report
-from vgroove.control_bench.torque_drawn_page import torque_drawn_report
+from vgroove.control_bench.torque_drawn_page import ADAPTED, torque_drawn_report
 from vgroove.control_bench.torque_page import torque_report
 from vgroove.control_bench.vibration_page import vibration_report
 from vgroove.progress import step_bar
@@ -108,6 +109,14 @@ def torque_drawn_part(choice: Choice) -> Report:
     return torque_drawn_report(rows_of(torque_drawn.jobs(cells), "drawn torque control", choice))
 
 
+def torque_adapted_part(choice: Choice) -> Report:
+    """Torque control of tools of their own."""
+    cells = choice.of(torque_adapted.cells(torque_drawn.DRAWS * choice.draws))
+    maps = rows_of(torque_adapted.map_jobs(cells), "torque maps", choice)
+    jobs = torque_adapted.jobs(cells, maps)
+    return torque_drawn_report(rows_of(jobs, "adapted torque control", choice), ADAPTED)
+
+
 def drill_part(choice: Choice) -> Report:
     """Drill driver."""
     return drill_report(
@@ -123,6 +132,7 @@ PARTS: dict[str, Callable[[Choice], Report]] = {
     "vibration": vibration_part,
     "torque": torque_part,
     "torque_drawn": torque_drawn_part,
+    "torque_adapted": torque_adapted_part,
     "drill": drill_part,
 }
 

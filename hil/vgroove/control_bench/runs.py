@@ -232,6 +232,7 @@ class RunPlan:
     noise: bool = True
     stop_when: Callable[[Any, Any], bool] | None = None
     board: Callable[[bytes], Any] | None = None
+    torque_map: bytes | None = None
 
 
 def sil_run(rig: Rig, **plan: Any) -> Run:
@@ -248,7 +249,7 @@ def run_plan(rig: Rig, plan: RunPlan) -> Run:
     image = eeprom_image({**plan.params, "mode": number})
     tool = make_tool(rig, plan.seed)
     truth = _core.Truth(plan.truth_every) if plan.truth_every else None
-    with plan.board(image) if plan.board else SilBoard(eeprom=image) as machine:
+    with make_board(plan, image) as machine:
         steps = lockstep.steps(
             machine,
             tool,
@@ -264,6 +265,13 @@ def run_plan(rig: Rig, plan: RunPlan) -> Run:
     check_start(sent, plan.mode, number)
     blows = tool.blows() if hasattr(tool, "blows") else np.zeros(0)
     return Run(rig, tool, sent, progress.time_s, blows, truth.rows if truth else None, reported)
+
+
+def make_board(plan: RunPlan, image: bytes) -> Any:
+    """The plan's board with this EEPROM image."""
+    if plan.board:
+        return plan.board(image)
+    return SilBoard(eeprom=image, torque_map=plan.torque_map)
 
 
 def reported_blows(board: Any) -> np.ndarray:

@@ -9,9 +9,10 @@ import numpy as np
 
 from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
 from vgroove.control_bench.jobs import Figures, Job, Variant
-from vgroove.control_bench.runs import pull, reference, sil_run
+from vgroove.control_bench.runs import pull, sil_run
 from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of
 from vgroove.reference.joints import REFERENCE_JOINTS
+from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
 
 PART = 1  # number of this part in draw.drawn_cells
@@ -40,10 +41,10 @@ def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     return [{**cell, "target_nm": float(int(cell["target_nm"]))} for cell in found]
 
 
-def joint(cell: Mapping[str, Any]) -> Rig:
-    """The tool and the joint of a cell."""
+def joint(cell: Mapping[str, Any], tool: Rig | None = None) -> Rig:
+    """The tool, by default the reference tool, with the values of a cell on its joint."""
     load = {**REFERENCE_JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": cell["slope"]}
-    rig = drawn_tool(reference(load), cell)
+    rig = drawn_tool(with_load(tool or reference_rig(), load), cell)
     turn_rad = cell["target_nm"] / cell["slope"]
     from_rad = cell["rough_at"] * turn_rad
     return rig.with_effects(
@@ -58,16 +59,21 @@ def joint(cell: Mapping[str, Any]) -> Rig:
     )
 
 
-def work(variant: Variant, **cell: Any) -> Figures:
-    """One drive: the torque that the joint holds, its error, and what the board reports."""
+def work(
+    variant: Variant, *, base: Rig | None = None, torque_map: bytes | None = None, **cell: Any
+) -> Figures:
+    """One drive: the torque that the joint holds, its error, and what the board reports.
+    base: in place of the reference tool; torque_map: in place of the firmware's.
+    """
     run = sil_run(
-        joint(cell),
+        joint(cell, base),
         mode=variant.mode,
         params={"torque_target_nm": cell["target_nm"]},
         profile=pull(cell["trigger"]),
         duration_s=MAX_SECONDS,
         seed=cell["seed"],
         stop_when=DriveEnd(),
+        torque_map=torque_map,
     )
     reported = len(run.control["time_s"]) > 0
     return {

@@ -1,0 +1,139 @@
+"""`vgroove adapt`: setpoints and torque map of a tool, and drives on the plant that check them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from vgroove.adapt.level_control import motor_of
+from vgroove.adapt.level_scale import LevelScale, level_scale
+from vgroove.adapt.setpoints import check_tool, default, setpoints
+from vgroove.adapt.torque_map import image, torque_map
+from vgroove.control_bench import torque_drawn
+from vgroove.control_bench.draw import DRIVE, drawn
+from vgroove.control_bench.jobs import Figures, Job, Variant, run_jobs
+from vgroove.control_bench.runs import parameter
+from vgroove.page import Table, table_from_dicts
+from vgroove.progress import Tick
+from vgroove.rig import Rig
+
+SCHEMA = "vgroove.adapt/1"
+BUILT_IN, ADAPTED = "map of the firmware", "map of this tool"
+CHECK_SEED = 8101
+PARAMETERS = [
+    ("parameter", "name"),
+    ("unit", "unit"),
+    ("reference tool", "reference"),
+    ("this tool", "value"),
+]
+CHECK = [
+    ("", "variant"),
+    ("drives", "runs"),
+    ("reported as reached", "reached"),
+    ("mean error", "mean_error"),
+    ("std", "std"),
+    ("worst", "worst"),
+    ("reached, error > 3 %", "beyond_goal"),
+    ("misses not reported", "untold"),
+]
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """What was computed for a tool. levels: its levels as voltages of the firmware's motor;
+    motor_levels: as voltages of its own motor. parameters: physical values; torque_map: members of
+    the firmware's TorqueMap.
+    """
+
+    levels: LevelScale
+    motor_levels: LevelScale
+    parameters: dict[str, float]
+    torque_map: dict[str, Any]
+
+    @property
+    def image(self) -> bytes:
+        """The map as it lies in flash."""
+        return image(self.torque_map)
+
+    @property
+    def sentence(self) -> str:
+        """How the tool's levels compare with those of the reference tool."""
+        return (
+            f"Levels {self.levels.level:.4g} times those of the reference tool (as voltages of its "
+            f"own motor {self.motor_levels.level:.4g} times), "
+            f"currents {self.levels.current:.4g} times."
+        )
+
+    def parameter_rows(self) -> list[Figures]:
+        """Name, unit, default and value of each parameter."""
+        return [
+            {
+                "name": parameter(name).name,
+                "unit": parameter(name).unit,
+                "reference": default(name),
+                "value": value,
+            }
+            for name, value in self.parameters.items()
+        ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For the JSON."""
+        return {
+            "schema": SCHEMA,
+            "levels": vars(self.levels),
+            "motor_levels": vars(self.motor_levels),
+            "parameters": self.parameter_rows(),
+            "torque_map": {name: values.tolist() for name, values in self.torque_map.items()},
+        }
+
+
+def adapt(rig: Rig, progress: Callable[[float], None] | None = None) -> Adaptation:
+    """The setpoints and the torque map of a tool; about a minute on two cores. progress: called
+    with the share that is done. VgrooveError for a tool that is no impact driver, or too far off
+    the reference tool.
+    """
+    check_tool(rig)
+    levels, motor_levels = level_scale(rig), level_scale(rig, motor_of(rig))
+    found = torque_map(rig, levels.level, progress=progress)
+    return Adaptation(levels, motor_levels, setpoints(rig, motor_levels), found)
+
+
+def check_work(variant: Variant, *, rig: Rig, torque_map: bytes | None, **cell: Any) -> Figures:
+    """One drive of the check."""
+    return torque_drawn.work(variant, base=rig, torque_map=torque_map, **cell)
+
+
+def check(rig: Rig, found: Adaptation, drives: int, tick: Tick) -> list[Figures]:
+    """`drives` tightenings to drawn targets on drawn joints with the map of the firmware and as
+    many with the tool's own: the figures of torque_drawn.compare.
+    """
+    cells = drawn({**DRIVE, **torque_drawn.SPANS}, drives, (CHECK_SEED,))
+    compared = []
+    for name, own in ((BUILT_IN, None), (ADAPTED, found.image)):
+        jobs = [
+            Job(
+                check_work,
+                Variant(name, torque_drawn.CONTROLLER.mode),
+                {
+                    **cell,
+                    "target_nm": float(int(cell["target_nm"])),
+                    "tool": {},
+                    "seed": CHECK_SEED + number,
+                    "rig": rig,
+                    "torque_map": own,
+                },
+            )
+            for number, cell in enumerate(cells)
+        ]
+        rows = run_jobs(jobs, tick, "drives on the plant")
+        compared.append({"variant": name, **torque_drawn.compare(rows)})
+    return compared
+
+
+def adapt_tables(found: Adaptation, compared: list[Figures]) -> list[Table]:
+    """Parameters and check as tables."""
+    tables = [table_from_dicts("parameters", "Parameters", PARAMETERS, found.parameter_rows())]
+    if compared:
+        tables.append(
+            table_from_dicts("check", "Torque control on the plant of this rig", CHECK, compared)
+        )
+    return tables

@@ -1,0 +1,75 @@
+"""The command `vgroove adapt`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+IMAGES = (".hex", ".elf")
+
+
+def adapt_command(
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig of the tool: an impact driver.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Write the firmware with the tool's torque map: .hex for `vgroove flash --hex`, "
+            ".elf for the simulated board.",
+        ),
+    ] = None,
+    target: Annotated[str, typer.Option(help="Board of -o: uno or mega.")] = "uno",
+    port: Annotated[
+        str | None,
+        typer.Option(help="Write the parameters to the board at this serial port: /dev/ttyACM0."),
+    ] = None,
+    baud: Annotated[int, typer.Option(help="Rate of --port: 250000 or 115200.")] = 250_000,
+    drives: Annotated[
+        int,
+        typer.Option(min=0, help="Drives on the plant that check the map, 0: no check."),
+    ] = 40,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write parameters, map and check as JSON.")
+    ] = None,
+) -> None:
+    """Compute setpoints and torque map of the controllers for a tool, check them on the plant, and
+    write them to the board.
+    """
+    from vgroove.adapt.adaptation import adapt, adapt_tables, check
+    from vgroove.adapt.firmware_image import adapted_image, map_in_flash
+    from vgroove.board import default_elf
+    from vgroove.board_parameters import write_parameters
+    from vgroove.errors import VgrooveError
+    from vgroove.flash import PROGRAMMERS
+    from vgroove.output import check_outputs, json_text, write_all
+    from vgroove.progress import share_bar, step_bar
+    from vgroove.rig import read_rig
+    from vgroove.terminal import print_line, print_results, table_console
+
+    check_outputs((output, json_path), (rig,))
+    if target not in PROGRAMMERS:
+        raise VgrooveError(f"--target is uno or mega, not {target}")
+    if output is not None and output.suffix not in IMAGES:
+        raise VgrooveError(f"-o ends in .hex or .elf, not {output.name}")
+    tool, elf = read_rig(rig), default_elf(target)
+    if output is not None:
+        map_in_flash(elf)
+    with share_bar("torque map") as bar:
+        found = adapt(tool, bar.move_to)
+    compared = []
+    if drives:
+        with step_bar(2 * drives, "drives on the plant") as tick:
+            compared = check(tool, found, drives, tick)
+    console = table_console(output, json_path)
+    print_results(console, [found.sentence], adapt_tables(found, compared))
+    files: list[tuple[Path, bytes | str]] = []
+    if json_path:
+        files.append((json_path, json_text({**found.as_dict(), "check": compared})))
+    if output:
+        files.append((output, adapted_image(elf, found.image, output.suffix[1:])))
+    write_all(files)
+    if port:
+        write_parameters(port, found.parameters, baud)
+        print_line(Console(stderr=True), f"{len(found.parameters)} parameters written to {port}.")

@@ -1,0 +1,65 @@
+"""Setpoints of the controllers for a tool: the parameters of the board that belong to the motor
+and the mechanism, computed from a rig.
+"""
+
+from vgroove.adapt.level_control import motor_of
+from vgroove.adapt.level_scale import LevelScale
+from vgroove.control_bench.runs import parameter
+from vgroove.errors import VgrooveError
+from vgroove.reference.rigs import reference_rig
+from vgroove.rig import Rig
+from vgroove.units import RAD_S_PER_RPM
+
+# Voltages at the motor and currents at which the reference tool impacts in step or just impacts.
+VOLTAGES = ("sync_low_mv", "sync_high_mv", "screwing_least_mv", "vibration_hard_mv")
+CURRENTS = ("sync_current_a", "vibration_surge_a")
+
+
+def check_tool(rig: Rig) -> None:
+    """VgrooveError for a rig without impact mechanism."""
+    if rig.mechanism["kind"] != "impact":
+        raise VgrooveError(
+            f"{rig.name or 'the rig'}: the controllers that are adapted are those of an impact "
+            'driver; this needs [mechanism] kind = "impact"'
+        )
+
+
+def climb_share(rig: Rig) -> float:
+    """Duty at which the motor holds the spring's preload, over that of the reference tool."""
+
+    def duty(tool: Rig) -> float:
+        k, resistance = motor_of(tool)
+        current = tool.mechanism["spring_preload_n"] / k
+        return current * (resistance + tool.value("supply.resistance_ohm"))
+
+    return duty(rig) / duty(reference_rig())
+
+
+def setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
+    """Physical values of the parameters by their names without suffix _qN, within their ranges.
+    motor_scale: the tool's levels as voltages of its own motor.
+    """
+    k, resistance = motor_of(rig)
+    found = {
+        "motor_mohm": 1000.0 * resistance,
+        "motor_rpm_per_v": 1.0 / k / RAD_S_PER_RPM,
+        "blow_turn": rig.gearbox["ratio"] / rig.mechanism["lug_count"],
+        "vibration_approach": default("vibration_approach") * motor_scale.level,
+        "vibration_climb": default("vibration_climb") * climb_share(rig),
+    }
+    found |= {name: default(name) * motor_scale.level for name in VOLTAGES}
+    found |= {name: default(name) * motor_scale.current for name in CURRENTS}
+    return {name: stored(name, value) for name, value in found.items()}
+
+
+def default(name: str) -> float:
+    """Physical default of a parameter."""
+    found = parameter(name)
+    return found.default / 2**found.q
+
+
+def stored(name: str, value: float) -> float:
+    """The physical value that the board holds: the nearest integer, within the range."""
+    found = parameter(name)
+    raw = min(max(round(value * 2**found.q), found.minimum), found.maximum)
+    return raw / 2**found.q
