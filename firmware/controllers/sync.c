@@ -21,6 +21,15 @@
 #define CURRENT_STEP_SHIFT 4u   // 32 mV per A beyond it: stable with 3 A/V of the tool, lag 3 blows
 #define SEEK_SHIFT 1u           // valleys of twice the limit: out of step
 
+// In step the periods deviate from their mean by 4 % at most, out of step by 6 to 30 %, or lugs
+// pass without a valley. Within the band the hammer falls out of step in a range of 0.3 to 0.5 V
+// that depends on the load; the level moves across it.
+#define IRREGULAR_CURRENT_SHIFT 3u  // method 2
+#define IRREGULAR_SHIFT 4u          // a period off its mean by more than a sixteenth
+#define IRREGULAR_BLOWS 10u         // more irregular than regular blows: out of step
+#define CROSS_MV 900
+#define SETTLE_BLOWS 16u  // after it, until the mean deviation is that of the new level
+
 // Computations that alternate from tick to tick.
 typedef enum { TURN_FOLLOW, TURN_TRIM, TURN_LEVEL, TURN_APPROACH } Turn;
 
@@ -71,6 +80,45 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
     return (int16_t)(set->low_mv + part_of((int16_t)(set->high_mv - set->low_mv), travel_q15));
 }
 
+// Whether the blows were irregular for so long that the level moves across to another range. Counts
+// the last blow.
+static bool crosses(Sync *self, const SyncSetpoints *set, const Blow *blow) {
+    const uint8_t shift =
+        (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? IRREGULAR_SHIFT : IRREGULAR_CURRENT_SHIFT;
+    const uint16_t period_q7 = (uint16_t)(blow->period_q4 << 3);
+    const uint16_t mean_q7 = blow->mean_period_q7;
+    const uint16_t off_q7 =
+        (uint16_t)(period_q7 > mean_q7 ? period_q7 - mean_q7 : mean_q7 - period_q7);
+    const bool irregular = self->lug_missed || off_q7 > mean_q7 >> shift;
+    self->lug_missed = false;
+    if (self->settle_blows > 0u) {
+        self->settle_blows--;
+    } else if (irregular) {
+        self->irregular_blows++;
+    } else if (self->irregular_blows > 0u) {
+        self->irregular_blows--;
+    }
+    if (self->irregular_blows < IRREGULAR_BLOWS) {
+        return false;
+    }
+    self->irregular_blows = 0;
+    self->settle_blows = SETTLE_BLOWS;
+    return true;
+}
+
+// Moves the level across the range that is out of step: upwards until the bridge is fully on or the
+// band ends, then downwards from the voltage that there is.
+static void cross(Sync *self) {
+    const int16_t supply_mv = (int16_t)(self->supply_mv_q1 >> 1);
+    const int16_t given_mv = self->level_mv < supply_mv ? self->level_mv : supply_mv;
+    const bool ends = self->falls ? self->level_mv <= LEVEL_MIN_MV
+                                  : self->level_mv >= LEVEL_MAX_MV || self->goal_q15 == INT16_MAX;
+    self->falls = self->falls != ends;
+    self->trim_mv =
+        (int16_t)(self->trim_mv + given_mv - self->level_mv + (self->falls ? -CROSS_MV : CROSS_MV));
+    self->crossed = true;
+}
+
 // Trims the level by the last blow.
 static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t deep = part_of(blow->base_rpm, set->depth_max_q15);
@@ -79,12 +127,17 @@ static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
         trim_by_depth(blow->ripple_rpm, deep, part_of(blow->base_rpm, set->depth_min_q15));
     const int16_t by_method =
         (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? by_depth : trim_by_current(self, set);
-    const int16_t step = out_of_step ? STEP_FAST_MV : by_method;
+    if (crosses(self, set, blow)) {
+        cross(self);
+        self->state = SYNC_SEEK;
+        return;
+    }
+    const int16_t step = out_of_step ? STEP_FAST_MV : self->crossed ? 0 : by_method;
     if (step < 0 || self->goal_q15 < INT16_MAX) {  // at full duty the level cannot rise
         self->trim_mv =
             (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);
     }
-    self->state = out_of_step ? SYNC_SEEK : SYNC_HOLD;
+    self->state = out_of_step || self->settle_blows > 0u ? SYNC_SEEK : SYNC_HOLD;
 }
 
 static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
@@ -110,6 +163,8 @@ static void engage(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     self->state = SYNC_HOLD;
     self->turn = TURN_FOLLOW;
     self->blow_pending = false;
+    self->irregular_blows = 0;
+    self->settle_blows = SETTLE_BLOWS;
     self->current_a_q9 = set->current_a_q9;  // the filtered current is that of the run-up
     self->goal_q15 = self->duty_q15;
     set_level(self, set, travel_q15);
@@ -147,6 +202,7 @@ static void hold(Sync *self, const SyncSetpoints *set, const ControllerInputs *i
         take_turn(self, set, in, blow);
     }
     self->blow_pending = self->blow_pending || blow->lugs > 0u;
+    self->lug_missed = self->lug_missed || blow->lugs > 1u;
 }
 
 static void release(Sync *self, const ControllerInputs *in, const Blow *blow) {

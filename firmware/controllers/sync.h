@@ -36,7 +36,12 @@ typedef struct {
     uint8_t state;
     uint8_t turn;       // computation of the next tick, Turn in sync.c
     bool blow_pending;  // a blow has not trimmed the level yet
-    int16_t trim_mv;    // learned in this drive
+    bool lug_missed;    // since the last trim a lug has passed without a valley
+    bool crossed;       // the level has moved across a range that is out of step: it stays there
+    bool falls;         // the next such move is downwards
+    uint8_t irregular_blows;  // more than regular ones
+    uint8_t settle_blows;     // left until irregular blows count
+    int16_t trim_mv;          // learned in this drive
     int16_t level_mv;
     int16_t goal_q15;       // duty that yields the level
     int16_t duty_q15;       // returned last, follows goal_q15 at SLEW_Q15

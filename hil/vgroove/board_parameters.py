@@ -56,7 +56,7 @@ class _Writer:
             raise VgrooveError(f"{self.port}: the board refuses {name} = {raw}: {result}")
 
     def wait_until_saved(self) -> None:
-        """Wait until the board no longer saves; VgrooveError when it does not end."""
+        """Wait until the board has saved the set; VgrooveError when it does not end."""
         time.sleep(0.1)  # the state that reports the save comes at least every 50 ms
         if self._until(lambda frame: _at_rest(frame), SAVE_S) is None:
             raise VgrooveError(f"{self.port}: the board did not report that the set is saved")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from vgroove.adapt.command import adapt_command
+from vgroove.adapt.command import app as adapt_app
 from vgroove.control_bench.command import app as control_app
 from vgroove.errors import VgrooveError
 from vgroove.gap.batch_command import FailAbove, JunitPath
@@ -71,6 +71,7 @@ bench_app = typer.Typer(
 )
 app.add_typer(bench_app, name="bench")
 app.add_typer(study_app, name="study")
+app.registered_commands += adapt_app.registered_commands
 bench_app.registered_commands += control_app.registered_commands
 gap_app.registered_commands += batch_app.registered_commands + blind_set_app.registered_commands
 
@@ -265,9 +266,6 @@ def flash(
     from vgroove.flash import flash as flash_board
 
     flash_board(port, target, image, tool, lambda line: print_line(Console(stderr=True), line))
-
-
-app.command("adapt")(adapt_command)
 
 
 @app.command()

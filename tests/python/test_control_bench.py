@@ -184,14 +184,17 @@ def test_drawn_torque_is_judged_at_each_target() -> None:
 
 
 def drawn_sync_row(seed: int, variant: str, clean: float, spread: float | None) -> dict[str, Any]:
-    return {"seed": seed, "variant": variant, "clean": clean, "spread": spread}
+    early = {"clean": clean, "spread": spread}
+    return {"seed": seed, "variant": variant, **early, "steady_clean": 1.0, "steady_spread": 0.01}
 
 
 def test_a_motion_of_period_two_is_not_in_step() -> None:
     assert sync_drawn.in_step(drawn_sync_row(1, "method 1", 1.0, 0.012))
     assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 1.0, 0.078))
     assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 0.96, 0.002))
-    assert not sync_drawn.in_step(drawn_sync_row(1, "method 1", 0.0, None))
+    silent = drawn_sync_row(1, "method 1", 0.0, None)
+    assert not sync_drawn.in_step(silent)
+    assert sync_drawn.in_step(silent, "steady_")
 
 
 def test_drawn_synchronisation_is_judged_in_each_cell() -> None:
@@ -202,6 +205,7 @@ def test_drawn_synchronisation_is_judged_in_each_cell() -> None:
     assert (found["cells"], found["out_of_step"], found["worse"]) == (3, 2, 1)
     assert (found["clean_worst"], found["spread_worst"]) == (0.5, 0.2)
     assert found["worst_change"] == pytest.approx(-0.4)
+    assert (found["steady_out_of_step"], found["steady_clean_worst"]) == (0, 1.0)
     seeds = {
         half: {c["seed"] for c in sync_drawn.cells(4) if c["set"] == half}
         for half in ("tune", "report")

@@ -6,9 +6,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+app = typer.Typer()  # its command is one of `vgroove`
 IMAGES = (".hex", ".elf")
 
 
+@app.command("adapt")
 def adapt_command(
     rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig of the tool: an impact driver.")],
     output: Annotated[
@@ -38,24 +40,17 @@ def adapt_command(
     write them to the board.
     """
     from vgroove.adapt.adaptation import adapt, adapt_tables, check
-    from vgroove.adapt.firmware_image import adapted_image, map_in_flash
+    from vgroove.adapt.firmware_image import adapted_image
     from vgroove.board import default_elf
     from vgroove.board_parameters import write_parameters
-    from vgroove.errors import VgrooveError
-    from vgroove.flash import PROGRAMMERS
     from vgroove.output import check_outputs, json_text, write_all
     from vgroove.progress import share_bar, step_bar
     from vgroove.rig import read_rig
     from vgroove.terminal import print_line, print_results, table_console
 
     check_outputs((output, json_path), (rig,))
-    if target not in PROGRAMMERS:
-        raise VgrooveError(f"--target is uno or mega, not {target}")
-    if output is not None and output.suffix not in IMAGES:
-        raise VgrooveError(f"-o ends in .hex or .elf, not {output.name}")
+    _check_image(output, target)
     tool, elf = read_rig(rig), default_elf(target)
-    if output is not None:
-        map_in_flash(elf)
     with share_bar("torque map") as bar:
         found = adapt(tool, bar.move_to)
     compared = []
@@ -73,3 +68,19 @@ def adapt_command(
     if port:
         write_parameters(port, found.parameters, baud)
         print_line(Console(stderr=True), f"{len(found.parameters)} parameters written to {port}.")
+
+
+def _check_image(output: Path | None, target: str) -> None:
+    """VgrooveError, before the long work, where the image cannot be made."""
+    from vgroove.adapt.firmware_image import map_in_flash
+    from vgroove.board import default_elf
+    from vgroove.errors import VgrooveError
+    from vgroove.flash import PROGRAMMERS
+
+    if target not in PROGRAMMERS:
+        raise VgrooveError(f"--target is uno or mega, not {target}")
+    if output is None:
+        return
+    if output.suffix not in IMAGES:
+        raise VgrooveError(f"-o ends in .hex or .elf, not {output.name}")
+    map_in_flash(default_elf(target))

@@ -14,8 +14,6 @@ def adapted_image(elf: Path, torque_map: bytes, kind: str) -> bytes:
     """Content of an ELF file ("elf") or of an Intel hex file ("hex") of the firmware `elf` with
     `torque_map` in place of its map; VgrooveError where `elf` has no map of this size.
     """
-    if not elf.is_file():
-        raise VgrooveError(f"there is no firmware at {elf}: build it with `make build`")
     old = map_in_flash(elf)
     if len(old) != len(torque_map):
         raise VgrooveError(
@@ -31,6 +29,8 @@ def adapted_image(elf: Path, torque_map: bytes, kind: str) -> bytes:
 
 def map_in_flash(elf: Path) -> bytes:
     """The torque map that a firmware holds; VgrooveError for a firmware without torque control."""
+    if not elf.is_file():
+        raise VgrooveError(f"there is no firmware at {elf}: build it with `make build`")
     for line in _run("avr-nm", "-S", str(elf)).decode().splitlines():
         words = line.split()
         if len(words) == 4 and words[3] == SYMBOL:

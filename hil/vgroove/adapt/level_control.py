@@ -130,8 +130,8 @@ class Level:
 
 class Run:
     """One joint, from rest to blows on the level of the run-up: until the filtered current reaches
-    9 A, for at most 1.5 s. slope: of the joint, in N m/rad; resistance: over the rig's winding;
-    motor: of the level, by default that of the firmware.
+    9 A, for at most 1.5 s. slope: of the joint, N m/rad; tool: supply in V and winding resistance
+    over the rig's; motor: of the level, by default that of the firmware.
     """
 
     def __init__(
@@ -139,10 +139,10 @@ class Run:
         rig: Rig,
         slope: float,
         run_v: float,
-        supply_v: float = SUPPLY_V,
-        resistance: float = 1.0,
+        tool: tuple[float, float] = (SUPPLY_V, 1.0),
         motor: tuple[float, float] | None = None,
     ) -> None:
+        supply_v, resistance = tool
         values = {
             "supply.voltage_v": supply_v,
             "motor.resistance_ohm": rig.motor["resistance_ohm"] * resistance,

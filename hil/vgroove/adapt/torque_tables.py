@@ -78,7 +78,7 @@ def held(rig: Rig, scale: float, level: float) -> tuple[list[float], float]:
     """
     torques_nm, hard_a = [], []
     for slope, tool in itertools.product(HARD_SLOPES, HELD_TOOLS):
-        run = Run(rig, slope, scale * RUN_V, *tool)
+        run = Run(rig, slope, scale * RUN_V, tool)
         hard_a.append(measured_a(run, level))
         run.go(level, (SLOW_SETTLE_S if level < SLOW_BELOW_V else SETTLE_S) - 0.05)
         torques_nm.append(run.torque_nm)
@@ -113,7 +113,7 @@ def raised_joint(
     """
     level_v, first_nm, last_nm, before_v = band
     slope, tool = joint
-    run = Run(rig, slope, scale * RUN_V, *tool)
+    run = Run(rig, slope, scale * RUN_V, tool)
     if before_v > scale * RUN_V:
         run.go(before_v, MEASURE_S)
     run.go(level_v, RAISED_VALID_S if level_v < LEAD_ABOVE_V else LEAD_VALID_S)

@@ -19,11 +19,12 @@ SETTLE_S = 0.05  # the filter of `ripple` starts from the mean over it
 WORK_POINTS = 200  # of the integral of the tightening work
 
 
-def sync_figures(run: Run, from_s: float) -> dict[str, Any]:
-    """Share of clean blows, period spread, rate and tightening work per second, from from_s to the
-    end of a run. A tool that does not impact has the clean share 0.
+def sync_figures(run: Run, from_s: float, to_s: float | None = None) -> dict[str, Any]:
+    """Share of clean blows, period spread, rate and tightening work per second, from from_s to
+    to_s, by default the end of the run. A tool that does not impact has the clean share 0.
     """
-    hits = run.hits[run.hits["time_s"] >= from_s]
+    to_s = run.duration_s if to_s is None else to_s
+    hits = run.hits[(run.hits["time_s"] >= from_s) & (run.hits["time_s"] <= to_s)]
     period = np.diff(hits["time_s"][hits["kind"] == BLOW])
     enough = len(hits) >= MIN_HITS and len(period) > 1
     height = run.rig.mechanism["lug_height_m"]
@@ -35,8 +36,8 @@ def sync_figures(run: Run, from_s: float) -> dict[str, Any]:
         "shallow": int((hits["engaged_m"] < CLEAN.engaged_share * height).sum()),
         "blows_per_min": float(60.0 / period.mean()) if enough else 0.0,
         "spread": float(period.std() / period.mean()) if enough else None,
-        "work_w": tightening_work(run, from_s, run.duration_s) / (run.duration_s - from_s),
-        "impulse_nm": float(hits["impulse_nm_s"].sum() / (run.duration_s - from_s)),
+        "work_w": tightening_work(run, from_s, to_s) / (to_s - from_s),
+        "impulse_nm": float(hits["impulse_nm_s"].sum() / (to_s - from_s)),
         "faults": run.faults,
     }
 

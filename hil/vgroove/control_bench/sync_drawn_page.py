@@ -27,6 +27,10 @@ SUMMARY = [
     ("worse than without", "worse"),
     ("largest loss", "worst_change"),
 ]
+STEADY = [
+    (title, key if key in ("stratum", "variant", "set") else f"steady_{key}")
+    for title, key in SUMMARY
+]
 WORST = [
     ("tool", "stratum"),
     ("variant", "variant"),
@@ -37,6 +41,8 @@ WORST = [
     ("start in rad", "start_rad"),
     ("clean", "clean"),
     ("spread", "spread"),
+    ("clean, steady", "steady_clean"),
+    ("spread, steady", "steady_spread"),
 ]
 
 
@@ -63,6 +69,9 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
                 ("clean share, mean", f["clean"], sync_drawn.MEAN_CLEAN, False),
                 ("cells out of step", f["out_of_step"], 0),
                 ("cells worse than without control", f["worse"], 0),
+                ("steady: clean share, mean", f["steady_clean"], sync_drawn.MEAN_CLEAN, False),
+                ("steady: cells out of step", f["steady_out_of_step"], 0),
+                ("steady: cells worse than without control", f["steady_worse"], 0),
             )
     return listed
 
@@ -75,6 +84,12 @@ def sync_drawn_report(rows: Sequence[Figures]) -> Report:
     failed = [r for r in chosen if r["variant"] != PLAIN.name and not sync_drawn.in_step(r)]
     tables = [
         table_from_dicts("sync_drawn_summary", "Synchronisation, drawn cells", SUMMARY, found),
+        table_from_dicts(
+            "sync_drawn_steady",
+            f"The same from {sync_drawn.STEADY_S:g} s on",
+            STEADY,
+            found,
+        ),
         goals_table("sync_drawn", listed),
         table_from_dicts(
             "sync_drawn_failed",

@@ -2,6 +2,7 @@
 // current, limits, and random inputs.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <random>
 
@@ -53,6 +54,21 @@ struct Tool {
         return duty / 32767.0 * supply_v;
     }
 
+    // Regular valleys every 20 ms with periods that are off their mean by a share, alternately, and
+    // blows of so many lugs; returns the level in V.
+    double uneven(int blows, double off, double supply_v = 20.5, uint8_t lugs = 1) {
+        const ControllerInputs in = inputs(0.6, supply_v);
+        for (int n = 0; n < 20 * blows; ++n) {
+            Blow blow = impacting(0.03, n % 20 == 19);
+            blow.lugs = blow.lugs > 0 ? lugs : uint8_t{0};
+            blow.mean_period_q7 = 20 * 128;
+            blow.period_q4 =
+                static_cast<uint16_t>(20 * 16 * (1 + (n / 20 % 2 == 0 ? off : -off)) + 0.5);
+            duty = sync_step(&sync, &set, &in, &blow);
+        }
+        return sync_estimate(&sync) / V;
+    }
+
     double free_run(int ms, double travel, double supply_v) {
         const ControllerInputs in = inputs(travel, supply_v);
         const Blow none{};
@@ -102,6 +118,53 @@ TEST_P(SyncMethods, TheDutyMovesAtALimitedRate) {
         last = tool.duty;
     }
     EXPECT_GT(last, 0.7 * 32767);
+}
+
+TEST_P(SyncMethods, RegularPeriodsKeepTheLevel) {
+    Tool tool(GetParam());
+    const double before = tool.uneven(10, 0.0);
+    EXPECT_NEAR(tool.uneven(200, 0.06), before, 0.01);
+    EXPECT_EQ(sync_state(&tool.sync), SYNC_HOLD);
+}
+
+TEST_P(SyncMethods, IrregularPeriodsMoveTheLevelAcrossOnceAndLaterRegularOnesKeepIt) {
+    Tool tool(GetParam());
+    const double before = tool.uneven(20, 0.0);
+    EXPECT_NEAR(tool.uneven(8, 0.15), before, 0.01);
+    EXPECT_NEAR(tool.uneven(6, 0.15), before + 0.9, 0.01);
+    EXPECT_NEAR(tool.uneven(100, 0.03), before + 0.9, 0.01);
+}
+
+TEST_P(SyncMethods, LugsWithoutAValleyAreIrregularToo) {
+    Tool tool(GetParam());
+    const double before = tool.uneven(20, 0.0);
+    EXPECT_NEAR(tool.uneven(14, 0.0, 20.5, 2), before + 0.9, 0.01);
+}
+
+TEST_P(SyncMethods, TheFirstBlowsOfADriveMayBeIrregular) {
+    Tool tool(GetParam());
+    const double before = tool.uneven(1, 0.3);
+    EXPECT_NEAR(tool.uneven(22, 0.3), before, 0.01);
+    EXPECT_GT(tool.uneven(10, 0.3), before + 0.5);
+}
+
+TEST_P(SyncMethods, IrregularPeriodsAtFullDutyMoveTheLevelDownFromTheSupply) {
+    Tool tool(GetParam());
+    EXPECT_GT(tool.uneven(20, 0.0, 14.5), 14.8);
+    EXPECT_NEAR(tool.uneven(14, 0.15, 14.5), 14.5 - 0.9, 0.03);
+    EXPECT_NEAR(tool.duty / 32767.0 * 14.5, 13.6, 0.1);
+}
+
+TEST_P(SyncMethods, PersistentIrregularitySearchesTheWholeBandUpAndDown) {
+    Tool tool(GetParam());
+    double least = 20, most = 0;
+    for (int n = 0; n < 400; ++n) {
+        const double level = tool.uneven(1, 0.2);
+        least = level > 0 ? std::min(least, level) : least;
+        most = std::max(most, level);
+    }
+    EXPECT_NEAR(most, 16.6, 0.01);
+    EXPECT_NEAR(least, 13.4, 0.01);
 }
 
 TEST_P(SyncMethods, OutOfStepRaisesTheLevelFastToItsLimit) {
