@@ -3,6 +3,8 @@ SHELL := /bin/bash
 VENV := .venv
 PY := $(VENV)/bin/python
 JOBS ?= $(shell nproc)
+# Many tests wait for a board or a terminal.
+TEST_WORKERS ?= $(shell expr $(JOBS) + 1)
 SEED ?= 1
 APT := cmake ninja-build ccache g++ pkg-config git gcc-avr avr-libc binutils-avr avrdude \
        libsimavr-dev libelf-dev libeigen3-dev libgtest-dev clang-tidy clang-format cppcheck \
@@ -68,7 +70,7 @@ unit: build
 test: build ## everything that guards a change, at most 15 minutes on 2 cores
 	ctest --preset dev -j $(JOBS)
 	$(VENV)/bin/ruff check .
-	$(PY) -m pytest -n $(JOBS) --dist loadgroup --no-loadscope-reorder --durations=20 tests
+	$(PY) -m pytest -n $(TEST_WORKERS) --dist loadgroup --no-loadscope-reorder --durations=20 tests
 
 # The peers are installed apart from the package: those without a wheel are compiled, and need the
 # build isolation that the package is installed without.

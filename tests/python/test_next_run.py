@@ -3,6 +3,7 @@ by the firmware, decides between them.
 """
 
 import numpy as np
+import pytest
 
 from test_board_run import HELD, RIG, Line
 from test_run import elf
@@ -40,6 +41,7 @@ def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log
     return log_from_stream(sent, "ELF")
 
 
+@pytest.mark.proof
 def test_the_run_that_a_verdict_proposes_decides_what_one_log_leaves_undecided() -> None:
     one = recorded(ONE_SPEED, 2.6, None, 1)
     undecided = diagnose([one], read_rig(RIG)).as_dict()

@@ -25,6 +25,7 @@ import measured_machines  # noqa: E402
 SCRIPTS = sorted((DATA / "real").glob("*/reference_fit.py"))
 PRINTED = re.compile(r"^(.+): (-?[\d.e+-]+)(?: (.+))?$", re.MULTILINE)
 FUNCTION_LINES = 35  # of a reference fit: it is read together with its table
+LONGEST = "robotino_m1_delay_coulomb"
 NAMES = [machine.name for machine in machines()]
 
 
@@ -75,13 +76,20 @@ def test_a_machine_is_complete(machine: Machine) -> None:
     assert stated != README or f"### {machine.name}\n" in text
 
 
+def diagnosis_marks(machine: Machine) -> list[pytest.MarkDecorator]:
+    """Each diagnosis is a group of its own, so that the workers share them; the longest, of a
+    machine whose delay another diagnosis names as well, takes too long for every change.
+    """
+    group = pytest.mark.xdist_group(f"machine {machine.name}")
+    return [group, pytest.mark.proof] if machine.name == LONGEST else [group]
+
+
 @pytest.mark.parametrize(
     "machine",
-    [pytest.param(m, marks=pytest.mark.xdist_group(f"machine {m.name}")) for m in machines()],
+    [pytest.param(m, marks=diagnosis_marks(m)) for m in machines()],
     ids=NAMES,
 )
 def test_the_diagnosis_of_a_measured_machine_is_the_accepted_one(machine: Machine) -> None:
-    """Each lasts 8 to 100 s; each is a group of its own, so that two workers share them."""
     found = diagnose(machine.logs, read_rig(machine.rig)).as_dict()
     assert faults(machine.answer, found) == []
 
