@@ -104,6 +104,14 @@ def work(variant: Variant, **cell: Any) -> Figures:
         duration_s=SECONDS,
         seed=cell["seed"],
     )
+    return count_figures(run)
+
+
+def count_figures(run: Run) -> Figures:
+    """The count of a drive up to the open bridge, and the figures of its repeats and periods.
+
+    Raises AbsentError for a firmware without blow detection.
+    """
     if not len(run.control["time_s"]):
         raise AbsentError("this firmware reports no blows: it sends no frame CONTROL")
     counts = run.control["blow_count"][run.control["time_s"] > PULL_S]
