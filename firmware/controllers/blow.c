@@ -32,8 +32,15 @@
 // same blow.
 #define EVEN_SHIFT 4u
 
-// Ripple above 1/8 of the speed: hammer and lugs are out of step, a valley may stand for two lugs.
-#define UNEVEN_SHIFT 3u
+// Successive angles that differ by less than this share are equal.
+#define EQUAL_SHIFT 3u
+
+// A lug takes 2^4 ms at least: the plant's blows are 17.2 ms apart or more, and two periods last
+// 34.5 ms, of which the Hall pitches at the two valleys may take 2.5 ms.
+#define BLOW_LEAST_SHIFT 4u
+
+// A joint that turns by 0.4 lugs or more between two blows leaves the hammer 23 to 29 ms.
+#define SOFT_MOST_MS 28u
 
 #define RIPPLE_SHIFT 2u  // running mean of the ripple over 4 valleys
 #define MEAN_SHIFT 3u    // running mean of angle and period over 8 blows
@@ -41,7 +48,6 @@
 
 // The first contact leaves no valley of its own: the first valley is that of the swing after it.
 #define LUGS_FIRST 2u
-#define LUGS_MAX 8u
 #define SPEED_MAX_RPM 16383  // range of the Hall speed: differences fit in 16 bits
 #define THIRD_RPM 600        // below half of again_rpm plus this there is a third landing
 
@@ -76,10 +82,10 @@ void blow_start(Blow *self, const BlowSetpoints *set) {
     self->work = WORK_STARTED;
 }
 
-// Sets the learned angle; 0.66 of it is the least from blow to blow.
+// Sets the learned angle; 0.69 of it is the least from blow to blow.
 INLINE_NEVER static void set_angle(Blow *self, int16_t mean) {
     self->mean_angle = mean;
-    self->blow_angle = (int16_t)((mean >> 1) + (mean >> 3) + (mean >> 5));
+    self->blow_angle = (int16_t)((mean >> 1) + (mean >> 3) + (mean >> 4));
 }
 
 static void take_setpoints(Blow *self, const BlowSetpoints *set) {
@@ -129,6 +135,12 @@ static int16_t more_angle(const Blow *self) {
     return (int16_t)((self->mean_angle >> 1) + (self->even ? 0 : self->mean_angle >> 4));
 }
 
+// One and a half lugs: the largest angle that is learned, and the least of a first valley that
+// belongs to the second lug.
+static int16_t most_angle(const Blow *self) {
+    return (int16_t)(self->lug_angle + (self->lug_angle >> 1));
+}
+
 // Integrates the angle; a lug passed without a valley is counted before the next valley.
 static void collect(Blow *self) {
     self->angle =
@@ -143,14 +155,19 @@ static void collect(Blow *self) {
     }
 }
 
-// Out of step one valley may stand for two lugs: the angle is then not learned upwards.
+// The angle is learned upwards from valleys alone that a joint's rotation explains: equal ones, in
+// the time of one swing. Out of step valleys stand for one or two lugs in turn.
 static void learn_angle(Blow *self, int16_t angle) {
     const int16_t off = (int16_t)(angle - self->mean_angle);
-    if (off > 0 && self->ripple_rpm > self->speed_rpm >> UNEVEN_SHIFT) {
+    const uint16_t allowed = (uint16_t)self->mean_angle >> EQUAL_SHIFT;
+    const uint16_t change = (uint16_t)(self->angle - self->last_angle);
+    const bool equal = (uint16_t)(change + allowed) <= (uint16_t)(allowed << 1);
+    self->last_angle = self->angle;
+    if (off > 0 && (!equal || self->since_ms > SOFT_MOST_MS)) {
         return;
     }
     const int16_t mean = (int16_t)(self->mean_angle + (off >> MEAN_SHIFT));
-    const int16_t most = (int16_t)(self->lug_angle + (self->lug_angle >> 1));
+    const int16_t most = most_angle(self);
     set_angle(self, mean < self->lug_angle ? self->lug_angle : mean > most ? most : mean);
 }
 
@@ -218,12 +235,14 @@ static void learn_ripple(Blow *self) {
 static uint8_t lugs_of(Blow *self) {
     if (self->seen == SEEN_NONE) {
         self->late_angle = 0;
-        return LUGS_FIRST;
+        const uint16_t past = (uint16_t)(self->angle - most_angle(self));
+        return past < (uint16_t)self->lug_angle ? LUGS_FIRST + 1u : LUGS_FIRST;
     }
     int16_t left = (int16_t)(self->angle + self->late_angle);
     int16_t reach = self->blow_angle;
     uint8_t lugs = 0;
-    while (left >= reach && lugs < LUGS_MAX) {
+    const uint8_t most = (uint8_t)((uint8_t)(self->since_ms + 1u) >> BLOW_LEAST_SHIFT);
+    while (left >= reach && (lugs == 0u || lugs < most)) {
         left = (int16_t)(left - self->mean_angle);
         reach = more_angle(self);
         lugs++;
@@ -270,8 +289,9 @@ INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set) {
 
 // A valley has ended: prepares its classification unless it follows the last one too soon.
 static void valley(Blow *self, int16_t last_rpm) {
-    const int16_t dead = (int16_t)(self->even ? self->blow_angle : self->mean_angle >> 2);
-    if (self->seen > SEEN_NONE && self->angle - self->hit_angle < dead) {
+    const bool same = self->even ? self->angle < self->blow_angle
+                                 : self->angle - self->hit_angle < self->mean_angle >> 2;
+    if (self->seen > SEEN_NONE && same) {
         return;
     }
     self->over_rpm = (uint16_t)(self->signal_rpm - self->extreme_rpm - self->hysteresis_rpm);

@@ -8,7 +8,7 @@
 // blow classifies the valley. From lug to lug the motor turns at least gear / lugs, plus the
 // joint's own rotation, which is learned as mean_angle:
 //   - soon after a blow: a second valley of that blow itself, ignored
-//   - before 0.66 mean_angle: a second swing on the same lug, a repeat
+//   - before 0.69 mean_angle: a second swing on the same lug, a repeat
 //   - each 0.56 mean_angle beyond a lug: one more lug whose valley was not detected
 #ifndef VGROOVE_CONTROLLERS_BLOW_H
 #define VGROOVE_CONTROLLERS_BLOW_H
@@ -61,8 +61,9 @@ typedef struct {
     uint8_t since_ms, since_hit_ms;  // time since the last blow, since the last valley
     int16_t angle, hit_angle;        // since the last blow; at the last valley. rpm ms / 64
     int16_t late_angle;              // share of the last blow's angle that belongs to the next one
+    int16_t last_angle;              // at the last blow
     int16_t lug_angle, mean_angle;   // from lug to lug: least, learned
-    int16_t blow_angle;              // 0.66 mean_angle: least angle from blow to blow
+    int16_t blow_angle;              // 0.69 mean_angle: least angle from blow to blow
     int16_t ahead_angle;             // beyond it a blow counts without a valley
     int16_t again_rpm;               // mean speed below which the hammer lands on a lug again
     uint16_t rpm_per_mv_q15, rpm_per_a_q7;

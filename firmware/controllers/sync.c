@@ -8,7 +8,6 @@
 #define TRAVEL_MIN_Q15 9830  // 0.3: below it the duty is the trigger's, for starting a screw
 #define LEVEL_MIN_MV 13400
 #define LEVEL_MAX_MV 16600
-#define TRIM_MAX_MV 12000
 #define SLEW_Q15 328      // 0.01 per tick
 #define SUPPLY_SHIFT 3u   // time constant of the supply filter, run every third tick: 24 ms
 #define CURRENT_SHIFT 4u  // of the current filter: 48 ms
@@ -24,9 +23,8 @@
 // In step the periods deviate from their mean by 4 % at most, out of step by 6 to 30 %, or lugs
 // pass without a valley. Within the band the hammer falls out of step in a range of 0.3 to 0.5 V
 // that depends on the load; the level moves across it.
-#define IRREGULAR_CURRENT_SHIFT 3u  // method 2
-#define IRREGULAR_SHIFT 4u          // a period off its mean by more than a sixteenth
-#define IRREGULAR_BLOWS 10u         // more irregular than regular blows: out of step
+#define IRREGULAR_SHIFT 4u   // a period off its mean by more than a sixteenth, method 2: an eighth
+#define IRREGULAR_BLOWS 10u  // more irregular than regular blows: out of step
 #define CROSS_MV 900
 #define SETTLE_BLOWS 16u  // after it, until the mean deviation is that of the new level
 
@@ -83,13 +81,12 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
 // Whether the blows were irregular for so long that the level moves across to another range. Counts
 // the last blow.
 static bool crosses(Sync *self, const SyncSetpoints *set, const Blow *blow) {
-    const uint8_t shift =
-        (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? IRREGULAR_SHIFT : IRREGULAR_CURRENT_SHIFT;
-    const uint16_t period_q7 = (uint16_t)(blow->period_q4 << 3);
-    const uint16_t mean_q7 = blow->mean_period_q7;
-    const uint16_t off_q7 =
-        (uint16_t)(period_q7 > mean_q7 ? period_q7 - mean_q7 : mean_q7 - period_q7);
-    const bool irregular = self->lug_missed || off_q7 > mean_q7 >> shift;
+    const uint16_t by_speed_q7 = blow->mean_period_q7 >> IRREGULAR_SHIFT;
+    const uint16_t most_q7 =
+        (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? by_speed_q7 : 2u * by_speed_q7;
+    const uint16_t off_q7 = (uint16_t)((blow->period_q4 << 3) - blow->mean_period_q7);
+    const bool off = (uint16_t)(off_q7 + most_q7) > 2u * most_q7;
+    const bool irregular = self->lug_missed || off;
     self->lug_missed = false;
     if (self->settle_blows > 0u) {
         self->settle_blows--;
@@ -133,9 +130,8 @@ static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
         return;
     }
     const int16_t step = out_of_step ? STEP_FAST_MV : self->crossed ? 0 : by_method;
-    if (step < 0 || self->goal_q15 < INT16_MAX) {  // at full duty the level cannot rise
-        self->trim_mv =
-            (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);
+    if (step < 0 || self->goal_q15 < INT16_MAX) {         // at full duty the level cannot rise
+        self->trim_mv = (int16_t)(self->trim_mv + step);  // set_level limits it
     }
     self->state = out_of_step || self->settle_blows > 0u ? SYNC_SEEK : SYNC_HOLD;
 }

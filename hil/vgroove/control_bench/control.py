@@ -7,6 +7,7 @@ from typing import Any
 
 from vgroove.control_bench import (
     blows,
+    blows_drawn,
     bound,
     drill,
     screwing,
@@ -17,6 +18,7 @@ from vgroove.control_bench import (
     torque_drawn,
     vibration,
 )
+from vgroove.control_bench.blows_drawn_page import blows_drawn_report
 from vgroove.control_bench.blows_page import blows_report
 from vgroove.control_bench.drill_page import drill_report
 from vgroove.control_bench.jobs import Figures, Job, run_jobs
@@ -58,6 +60,12 @@ def rows_of(jobs: Sequence[Job], text: str, choice: Choice) -> list[Figures]:
 def blows_part(choice: Choice) -> Report:
     """Blow detection."""
     return blows_report(rows_of(blows.jobs(choice.of(blows.cells())), "blow detection", choice))
+
+
+def blows_drawn_part(choice: Choice) -> Report:
+    """Blow detection on drawn cells."""
+    cells = choice.of(blows_drawn.cells(blows_drawn.DRAWS * choice.draws))
+    return blows_drawn_report(rows_of(blows_drawn.jobs(cells), "drawn blow detection", choice))
 
 
 def sync_part(choice: Choice) -> Report:
@@ -126,6 +134,7 @@ def drill_part(choice: Choice) -> Report:
 
 PARTS: dict[str, Callable[[Choice], Report]] = {
     "blows": blows_part,
+    "blows_drawn": blows_drawn_part,
     "sync": sync_part,
     "sync_drawn": sync_drawn_part,
     "screwing": screwing_part,

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstdint>
 #include <random>
+#include <utility>
+#include <vector>
 
 extern "C" {
 #include "controllers/blow.h"
@@ -66,6 +68,25 @@ Found run(Blow &blow, const BlowSetpoints &set, const Swing &swing, double from_
             found.longest_ms = std::max(found.longest_ms, found.period_ms);
             found.shortest_ms = std::min(found.shortest_ms, found.period_ms);
         }
+    }
+    return found;
+}
+
+// A constant speed with valleys; the times between them repeat, the first valley comes so much
+// earlier than the first of these times.
+Found run_valleys(Blow &blow, const BlowSetpoints &set, double rpm, double ripple,
+                  const std::vector<double> &gaps_ms, double seconds, double earlier_ms = 0.0) {
+    Found found;
+    std::vector<double> valleys_ms{gaps_ms[0] - earlier_ms};
+    while (valleys_ms.back() < 1e3 * seconds)
+        valleys_ms.push_back(valleys_ms.back() + gaps_ms[valleys_ms.size() % gaps_ms.size()]);
+    for (int ms = 0; ms < static_cast<int>(1e3 * seconds); ++ms) {
+        double dip = 0.0;
+        for (const double at_ms : valleys_ms)
+            dip += std::exp(-0.5 * std::pow((ms - at_ms) / 2, 2));
+        const ControllerInputs in = measured(rpm * (1.0 + ripple * (0.3 - dip)));
+        blow_step(&blow, &set, &in);
+        found.lugs += blow.lugs;
     }
     return found;
 }
@@ -165,6 +186,37 @@ TEST_P(BlowSources, AMissingValleyCountsAsABlow) {
 
 // When the next valley does not come, a lug is counted by its angle. The first blow after the pause
 // corrects that and adds the first contact, which leaves no valley.
+TEST_P(BlowSources, TwoValleysForThreeLugsAreNoJointThatTurns) {
+    const Found found = run_valleys(blow, GetParam(), 8200, 0.07, {29.1, 32.4}, 4.0);
+    EXPECT_NEAR(found.lugs, 4000 / 61.5 * 3, 6);
+}
+
+TEST_P(BlowSources, AJointThatTurnsByNearlyALugBetweenTheBlowsDoublesNone) {
+    for (const double period_ms : {24.0, 26.0, 28.0}) {
+        blow_start(&blow, &GetParam());
+        const double rpm = 1.77 * TURN * 60e3 / period_ms;
+        const Found found = run_valleys(blow, GetParam(), rpm, 0.07, {period_ms}, 2.0);
+        EXPECT_NEAR(found.lugs, 2000 / period_ms, 3) << period_ms;
+    }
+}
+
+TEST_P(BlowSources, AFirstValleyBeyondOneAndAHalfLugsIsThatOfTheSecond) {
+    for (const auto &[lugs, counted] : {std::pair{1.2, 2}, {1.8, 3}, {2.2, 3}, {2.7, 2}}) {
+        blow_start(&blow, &GetParam());
+        const double lug_ms = TURN * 60e3 / 7000;
+        const Found found = run_valleys(blow, GetParam(), 7000, 0.2, {1000},
+                                        (lugs + 0.3) * lug_ms * 1e-3, 1000 - lugs * lug_ms);
+        EXPECT_EQ(found.lugs, counted) << lugs;
+    }
+}
+
+TEST_P(BlowSources, AValleyBetweenTheBlowsHidesNone) {
+    run(blow, GetParam(), {2000, 0.05}, 0.0, 1.01);  // 10 ms after a blow
+    ASSERT_TRUE(blow.even);
+    blow.hit_angle = static_cast<int16_t>(blow.mean_angle / 2);
+    EXPECT_EQ(run(blow, GetParam(), {2000, 0.05}, 1.01, 1.04).lugs, 1);
+}
+
 TEST_P(BlowSources, APauseEndsTheImpacts) {
     run(blow, GetParam(), {2400, 0.1}, 0.0, 0.5);
     EXPECT_TRUE(blow.impacting);

@@ -1,0 +1,99 @@
+"""Tables of blow detection on drawn cells."""
+
+from collections.abc import Sequence
+
+from vgroove.control_bench import blows_drawn
+from vgroove.control_bench.draw import NOMINAL, STRATA, seeds_line
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import Figures, present
+from vgroove.control_bench.sets import by_half
+from vgroove.page import table_from_dicts
+from vgroove.report import Report
+
+SUMMARY = [
+    ("tool", "stratum"),
+    ("variant", "variant"),
+    ("set", "set"),
+    ("cells", "cells"),
+    ("blows", "blows"),
+    ("off by more than 1 % and a blow", "failures"),
+    ("share, 95 % interval from", "failures_low"),
+    ("to", "failures_high"),
+    ("error, mean", "error"),
+    ("95 % quantile", "error_tail"),
+    ("worst", "worst"),
+    ("repeats", "repeats"),
+    ("precision", "precision"),
+    ("recall", "recall"),
+]
+FAILED = [
+    ("tool", "stratum"),
+    ("variant", "variant"),
+    ("set", "set"),
+    ("supply in V", "supply_v"),
+    ("trigger", "trigger"),
+    ("start in rad", "start_rad"),
+    ("joint", "kind"),
+    ("slip torque in N m", "slip_nm"),
+    ("slope in N m/rad", "slope"),
+    ("screw", "size"),
+    ("wood", "wood"),
+    ("blows", "blows"),
+    ("error", "error"),
+]
+
+
+def summary(rows: Sequence[Figures]) -> list[Figures]:
+    """The figures of each stratum, source and half."""
+    found = []
+    for stratum in STRATA:
+        chosen = [row for row in rows if row["stratum"] == stratum]
+        for variant in dict.fromkeys(row["variant"] for row in chosen):
+            for half, part in by_half([row for row in chosen if row["variant"] == variant]):
+                figures = blows_drawn.compare(part)
+                found.append({"stratum": stratum, "variant": variant, "set": half, **figures})
+    return found
+
+
+def goals(found: Sequence[Figures]) -> list[Goal]:
+    """The goals with the nominal tool."""
+    listed: list[Goal] = []
+    for f in found:
+        if f["stratum"] == NOMINAL:
+            within = 1.0 - f["failures"] / f["cells"]
+            listed += goals_of(
+                f["variant"],
+                f["set"],
+                ("share of cells within 1 % or a blow", within, blows_drawn.WITHIN, False),
+                ("error of the worst cell", f["worst"], blows_drawn.WORST),
+                ("repeats reported, precision", f["precision"], blows_drawn.REPEAT_GOAL, False),
+                ("repeats reported, recall", f["recall"], blows_drawn.REPEAT_GOAL, False),
+            )
+    return listed
+
+
+def blows_drawn_report(rows: Sequence[Figures]) -> Report:
+    """The part `blows_drawn` as a report."""
+    chosen = present(rows)
+    found = summary(chosen)
+    listed = goals(found)
+    failed = [r for r in chosen if blows_drawn.error_share(r) > blows_drawn.GOAL]
+    tables = [
+        table_from_dicts("blows_drawn_summary", "Blow detection, drawn cells", SUMMARY, found),
+        goals_table("blows_drawn", listed),
+        table_from_dicts(
+            "blows_drawn_failed",
+            "Cells off by more than 1 % and a blow, the worst first",
+            FAILED,
+            sorted(failed, key=blows_drawn.error_share, reverse=True),
+        ),
+    ]
+    data = {
+        "blows_drawn": {
+            "summary": found,
+            "goals": [g.as_dict() for g in listed],
+            "cells": list(rows),
+        }
+    }
+    lines = [*part_lines(listed, rows, "blow detection"), seeds_line()]
+    return part_report(lines, tables, [], data)
