@@ -22,7 +22,18 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs" / "results"
 DEMO_SEEDS = range(1, 21)
 # Part of the control bench -> factor of its number of draws
-CONTROL_DRAWS = {"blows": 1, "sync": 1, "screwing": 3, "vibration": 1, "torque": 20, "drill": 10}
+CONTROL_DRAWS = {
+    "blows": 1,
+    "blows_drawn": 4,
+    "sync": 1,
+    "sync_drawn": 2,
+    "screwing": 3,
+    "vibration": 1,
+    "torque": 20,
+    "torque_drawn": 1,
+    "torque_adapted": 1,
+    "drill": 10,
+}
 MAX_CONTROL_ROWS = 250  # longer lists of single runs are not committed
 
 

@@ -37,7 +37,7 @@ def control_command(
         list[str] | None,
         typer.Option(
             "--part",
-            help="blows, sync, sync_drawn, screwing, vibration, torque, torque_drawn, "
+            help="blows, blows_drawn, sync, sync_drawn, screwing, vibration, torque, torque_drawn, "
             "torque_adapted, drill; again for more. Without: all.",
         ),
     ] = None,
