@@ -35,8 +35,9 @@
 // Successive angles that differ by less than this share are equal.
 #define EQUAL_SHIFT 3u
 
-// A lug takes 2^4 ms at least: the plant's blows are 17.2 ms apart or more, and two periods last
-// 34.5 ms, of which the Hall pitches at the two valleys may take 2.5 ms.
+// A lug takes 2^4 ms at least, all together two less: the plant's blows are 17.2 ms apart or more,
+// two periods last 34.5 ms, of which the Hall pitches at the two valleys may take 4.5 ms.
+#define BLOW_EARLY_MS 2u
 #define BLOW_LEAST_SHIFT 4u
 
 // A joint that turns by 0.4 lugs or more between two blows leaves the hammer 23 to 29 ms.
@@ -241,7 +242,7 @@ static uint8_t lugs_of(Blow *self) {
     int16_t left = (int16_t)(self->angle + self->late_angle);
     int16_t reach = self->blow_angle;
     uint8_t lugs = 0;
-    const uint8_t most = (uint8_t)((uint8_t)(self->since_ms + 1u) >> BLOW_LEAST_SHIFT);
+    const uint8_t most = (uint8_t)((uint8_t)(self->since_ms + BLOW_EARLY_MS) >> BLOW_LEAST_SHIFT);
     while (left >= reach && (lugs == 0u || lugs < most)) {
         left = (int16_t)(left - self->mean_angle);
         reach = more_angle(self);

@@ -25,7 +25,7 @@ import measured_machines  # noqa: E402
 SCRIPTS = sorted((DATA / "real").glob("*/reference_fit.py"))
 PRINTED = re.compile(r"^(.+): (-?[\d.e+-]+)(?: (.+))?$", re.MULTILINE)
 FUNCTION_LINES = 35  # of a reference fit: it is read together with its table
-LONGEST = "robotino_m1_delay_coulomb"
+PROOF_ALONE = ("robotino_m1_delay", "robotino_m1_delay_coulomb")
 NAMES = [machine.name for machine in machines()]
 
 
@@ -77,11 +77,11 @@ def test_a_machine_is_complete(machine: Machine) -> None:
 
 
 def diagnosis_marks(machine: Machine) -> list[pytest.MarkDecorator]:
-    """Each diagnosis is a group of its own, so that the workers share them; the longest, of a
-    machine whose delay another diagnosis names as well, takes too long for every change.
+    """Each diagnosis is a group of its own, so that the workers share them; the longest take too
+    long for every change.
     """
     group = pytest.mark.xdist_group(f"machine {machine.name}")
-    return [group, pytest.mark.proof] if machine.name == LONGEST else [group]
+    return [group, pytest.mark.proof] if machine.name in PROOF_ALONE else [group]
 
 
 @pytest.mark.parametrize(
