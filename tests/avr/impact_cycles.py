@@ -6,7 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from builds import BUILDS, UNO_RUNS
+from builds import BUILDS, RUNS, Build
 from equality import differences, sent_bytes
 from impact import impact_tape, random_tape
 
@@ -16,11 +16,12 @@ from vgroove.board import read_statistics
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def line(tape: bytes, elf: Path) -> str:
-    """Cycles and free stack of a tape on an ELF, and its first difference to native."""
+def line(tape: bytes, build: Build) -> str:
+    """Cycles and free stack of a tape on a build, and its first difference to native."""
+    elf = ROOT / "build" / build.folder / "vgroove.elf"
     with tempfile.TemporaryDirectory() as folder:
         stats = Path(folder) / "stats.json"
-        avr = sent_bytes(board.replay(elf, tape, stats=stats))
+        avr = sent_bytes(board.replay(elf, tape, mcu=build.mcu, stats=stats))
         report = read_statistics(stats)
     control, tick = report["control"], report["tick"]
     found = differences(sent_bytes(sil.replay(tape, target=1)), avr)
@@ -32,14 +33,14 @@ def line(tape: bytes, elf: Path) -> str:
 
 
 def main() -> None:
-    """Print two lines per case, of the Uno's build that has its mode."""
-    for name, build in UNO_RUNS:
+    """Print two lines for each case and build that has its mode."""
+    for name, key in RUNS:
         if sys.argv[1:] and name not in sys.argv[1:]:
             continue
-        elf = ROOT / "build" / BUILDS[build].folder / "vgroove.elf"
+        build = BUILDS[key]
         sys.stdout.write(
-            f"{name:10} impacts: {line(impact_tape(name), elf)}\n"
-            f"{name:10} random:  {line(random_tape(name), elf)}\n"
+            f"{name:17} {build.mcu:10} impacts: {line(impact_tape(name), build)}\n"
+            f"{name:17} {build.mcu:10} random:  {line(random_tape(name), build)}\n"
         )
 
 

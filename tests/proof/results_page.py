@@ -206,6 +206,79 @@ def torque() -> list[str]:
     ]
 
 
+# Part with drawn values -> title, columns: (title, key, form). A share has the form "%".
+DRAWN = {
+    "control_blows_drawn": (
+        "Blow count between chosen values",
+        [
+            ("tool", "stratum", ""),
+            ("source", "variant", ""),
+            ("cells", "cells", ""),
+            ("off by more than 1 % and a blow", "failures", ""),
+            ("error, mean", "error", "%"),
+            ("95 % quantile", "error_tail", "%"),
+            ("worst", "worst", "%"),
+            ("repeats: precision", "precision", "%"),
+            ("recall", "recall", "%"),
+        ],
+        ("failures_low", "failures_high"),
+    ),
+    "control_sync_drawn": (
+        "Synchronisation between chosen values, from 2.5 s on",
+        [
+            ("tool", "stratum", ""),
+            ("variant", "variant", ""),
+            ("cells", "cells", ""),
+            ("clean, mean", "steady_clean", "%"),
+            ("5 % quantile", "steady_clean_tail", "%"),
+            ("worst", "steady_clean_worst", "%"),
+            ("worse than without", "steady_worse", ""),
+            ("out of step", "steady_out_of_step", ""),
+        ],
+        ("steady_out_low", "steady_out_high"),
+    ),
+    "control_torque_drawn": (
+        "Torque control between chosen values",
+        [
+            ("tool", "variant", ""),
+            ("drives reported as reached", "reached", ""),
+            ("mean error", "mean_error", "%"),
+            ("standard deviation", "std", "%"),
+            ("worst", "worst", "%"),
+            ("off by more than 3 %", "beyond_goal", ""),
+            ("targets met of 81", "targets_met", ""),
+            ("misses reported as reached", "untold", ""),
+        ],
+        ("untold_low", "untold_high"),
+    ),
+}
+
+
+def drawn(name: str) -> list[str]:
+    """The half `report` of a part of the controllers' bench whose values are drawn; the interval is
+    that of the last count.
+    """
+    title, columns, (low, high) = DRAWN[name]
+    result = read(name)
+    rows = [row for row in result["summary"] if row["set"] == "report"]
+    return [
+        f"## {title}",
+        "",
+        f"Half `report`; `{result['command']}`, commit {result['commit']}:",
+        "",
+        *table(
+            (*(column[0] for column in columns), "share, 95 % interval"),
+            (
+                (
+                    *(percent(row[key], ".1f") if form else row[key] for _, key, form in columns),
+                    f"{100 * row[low]:.1f}..{100 * row[high]:.1f} %",
+                )
+                for row in rows
+            ),
+        ),
+    ]
+
+
 def printed() -> list[str]:
     """Figures that commands print."""
     rows = [row for row in read("figures").values() if isinstance(row, dict)]
@@ -228,6 +301,7 @@ def page() -> str:
         growth(),
         speed(),
         trap(),
+        *(drawn(name) for name in DRAWN),
         torque(),
         printed(),
     )

@@ -16,6 +16,7 @@ from scipy import signal
 from vgroove.control_bench import (
     avr,
     blows,
+    blows_drawn,
     bound,
     draw,
     drill,
@@ -47,6 +48,7 @@ from vgroove.control_bench.waves import POINTS, range_of, wave_picture
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import Profile
 from vgroove.page import thin
+from vgroove.reference.joints import REFERENCE_JOINTS
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOW = [
@@ -211,6 +213,34 @@ def test_drawn_synchronisation_is_judged_in_each_cell() -> None:
         for half in ("tune", "report")
     }
     assert not seeds["tune"] & seeds["report"]
+
+
+def drawn_blows_row(error: int, blows_per_min: float = 2400.0) -> dict[str, Any]:
+    repeats = {"repeats": 10, "repeats_told": 8, "repeats_right": 6}
+    return {"blows": 100, "error": error, "blows_per_min": blows_per_min, **repeats}
+
+
+def test_drawn_blow_counts_are_judged_in_each_cell() -> None:
+    rows = [drawn_blows_row(error) for error in (0, 1, -1, 2, -20)]
+    found = blows_drawn.compare([*rows, drawn_blows_row(50, blows_per_min=900.0)])
+    assert (found["cells"], found["failures"], found["worst"]) == (5, 2, 0.2)
+    assert found["failures_low"] < 0.4 < found["failures_high"]
+    assert (found["precision"], found["recall"]) == (0.75, 0.6)
+
+
+def test_the_joints_of_drawn_blow_counts_are_those_of_the_table() -> None:
+    cells = blows_drawn.cells(20)
+    assert {cell["kind"] for cell in cells} == {"slip", "hard joint", "wood"}
+    assert {cell["size"] for cell in cells} == {"m6", "m8", "m10"}
+    for cell in cells:
+        load = blows_drawn.rig_of(cell).load
+        if cell["kind"] == "slip":
+            assert load["run_torque_nm"] == cell["slip_nm"]
+        elif cell["kind"] == "hard joint":
+            assert load["slip_slope_nm_per_rad"] == cell["slope"]
+        else:
+            nominal = REFERENCE_JOINTS[cell["size"]].load["end_nm"]
+            assert load["end_nm"] == pytest.approx(cell["wood"] * nominal)
 
 
 def housing_run(wave: Any, seconds: float = 3.0) -> Run:
