@@ -52,6 +52,17 @@ def test_a_command_without_noise_stays_as_it_is(clean: np.ndarray) -> None:
     assert found.values is clean and found.noise_v == 0.0 and found.fast_v == 0.0
 
 
+@pytest.mark.parametrize("limit_v", [0.0, 7.4])
+def test_a_command_at_its_limit_keeps_the_controllers_scatter(limit_v: float) -> None:
+    """A controller at its limit holds its command exactly: the scatter elsewhere is its own."""
+    scatter = 0.002 * np.random.default_rng(1).standard_normal(620)
+    driven = 3.0 * np.sin(7.0 * 0.005 * np.arange(620)) + scatter
+    command = np.concatenate([driven, np.full(570, limit_v)])
+    assert command_noise_sigma(command) > 0.0
+    found = denoise_command(command)
+    assert found.values is command and found.noise_v == 0.0 and found.fast_v == 0.0
+
+
 def test_few_steps_between_long_holds_are_no_noise() -> None:
     """Most rows repeat the one before: only the steps scatter."""
     assert command_noise_sigma(np.repeat([0.0, 7.0, 0.0, 11.0, 0.0], 700)) == 0.0

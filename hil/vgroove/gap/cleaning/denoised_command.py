@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.cleaning.sensor_noise import command_noise_sigma
+from vgroove.gap.cleaning.sensor_noise import command_noise_sigma, resolution_of
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ def denoise_command(values: np.ndarray) -> DenoisedCommand:
     it that holds a straight line, which such a mean does not change.
 
     Scatter that is larger on ramps than at a constant command is the command's own (quantisation);
-    the share of it that exceeds the noise is kept (a Wiener gain). Where too few rows have a
-    constant command to measure the noise, half of the scatter is kept, with an error of the other
-    half.
+    the share of it that exceeds the noise is kept (a Wiener gain): all of it where a constant
+    command has none, as at the limit of a controller. Where too few rows have a constant command to
+    measure the noise, half of the scatter is kept, with an error of the other half.
     """
     sigma = command_noise_sigma(values)
     if sigma == 0.0:
@@ -65,6 +65,8 @@ def denoise_command(values: np.ndarray) -> DenoisedCommand:
         share = LIMITS.unknown_share
         return DenoisedCommand(mean + share * residual, 0.0, 1.0, share * sigma)
     noise_v = float(np.sqrt(np.mean(residual[wide & ~moves] ** 2)))
+    if noise_v <= 0.5 * resolution_of(values):
+        return DenoisedCommand(values)
     on_ramps, own = wide & moves, 0.0
     if np.count_nonzero(on_ramps) >= LIMITS.min_rows:
         own = max(0.0, scatter_power(residual, on_ramps) - noise_v**2)
