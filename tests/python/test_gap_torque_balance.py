@@ -18,8 +18,7 @@ from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.residual.torque_balance import (
-    BALANCE,
-    GAINED,
+    GAIN,
     NET_TORQUE,
     BalanceProblem,
     balance_problem,
@@ -136,9 +135,22 @@ def test_the_torque_of_a_unit_of_the_column_is_that_of_the_steady_motor(inductan
         problem = balance_of(held_log(kind, 1.0), tool_of(kind))
         theta = problem.theta0.copy()
         theta[problem.index("effects.inductance.relative")] = inductance
-        gained = problem.simulate(theta)[0][GAINED][0, 1:] / ROW_S
-        shift = BALANCE.shift_share * LEVEL[kind]
-        np.testing.assert_allclose(gained, 0.0109 * unit * shift, rtol=1e-3)
+        gain = problem.simulate(theta)[0][GAIN][0, 1:] / ROW_S
+        np.testing.assert_allclose(gain, 0.0109 * unit, rtol=1e-3)
+
+
+def test_spans_in_which_the_command_changes_its_sign_have_the_gain_of_the_motor() -> None:
+    signs = np.where(np.arange(ROWS) % 2, 1.0, -1.0)
+    data = tool_of("current_a").as_dict()
+    tool = rig_from_dict(
+        data | {"sensors": data["sensors"] | {"speed_noise_rpm": 30.0}}, "the test's rig"
+    )
+    log = simulated_log(tool, 2.0 * signs + 0.5 * np.sin(2.0 * np.pi * TIME_S))
+    problem = balance_of(log, tool)
+    assert problem.rows_per_span % 2 == 0  # as many rows of one sign as of the other
+    assert np.isfinite(problem.residuals(problem.theta0)).all()
+    gain = problem.runs[0].channels[0]._mean(problem.simulate(problem.theta0)[0], GAIN)
+    np.testing.assert_allclose(gain, 0.0109, rtol=1e-3)
 
 
 @pytest.mark.parametrize(

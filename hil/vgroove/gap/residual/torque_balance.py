@@ -41,9 +41,9 @@ from vgroove.rig import Rig
 from vgroove.units import RAD_S_PER_RPM
 
 HELD_INERTIA = 1e6  # inertia of the held shaft, in inertias of the rig's shaft
-# keys of a Simulation: impulses (B, rows) in N m s of the net torque over each row, and of its
-# change by the shift of the driving column; inertia (B,) of the shaft
-NET_TORQUE, GAINED = "net_impulse_nm_s", "gained_impulse_nm_s"
+# keys of a Simulation: impulse (B, rows) in N m s of the net torque over each row, and its change
+# per unit of the driving column; inertia (B,) of the shaft
+NET_TORQUE, GAIN = "net_impulse_nm_s", "impulse_gain"
 INERTIA = "inertia_kg_m2"
 MOTOR_INERTIA = "motor.inertia_kg_m2"
 ADDED_INERTIA = "effects.added_inertia.kg_m2"
@@ -68,7 +68,8 @@ class BalanceRules:
     # scatter over the log
     acceleration_share: float = 0.25
     min_rows: int = 50  # spans that a log must hold
-    # shift of the driving column by which the gain is found, as a share of its 95 % quantile
+    # shift of the driving column by which the gain is found, as a share of the 95 % quantile of
+    # those of its magnitudes that are not 0
     shift_share: float = 0.25
     min_gain_share: float = 1e-4  # smallest gain, as a share of the nominal motor's
     short_row_share: float = 1e-6  # length of a short row, in the shortest interval between rows
@@ -87,16 +88,14 @@ class TorqueChannel(Channel):
     begin: np.ndarray | None = None  # (m,) row at the start of each span
     acceleration: np.ndarray | None = None  # (m,) measured, rad/s^2
     gain: np.ndarray | None = None  # (m,) of the nominal motor, N m per unit of the driving column
-    shift: np.ndarray | None = None  # (m,) mean shift of the driving column, in its unit
 
     def first_row(self) -> np.ndarray:
         return self.begin
 
     def model(self, simulation: Simulation) -> np.ndarray:
-        net, gained = (self._mean(simulation, name) for name in (NET_TORQUE, GAINED))
+        net, gain = (self._mean(simulation, name) for name in (NET_TORQUE, GAIN))
         error = net - simulation[INERTIA][:, None] * self.acceleration
-        least = BALANCE.min_gain_share * self.gain
-        gain = np.maximum(gained / self.shift, least)
+        gain = np.maximum(gain, BALANCE.min_gain_share * self.gain)
         return self.measured - error * self.gain / gain
 
     def _mean(self, simulation: Simulation, name: str) -> np.ndarray:
@@ -156,7 +155,7 @@ class HeldRun(MeasuredRun):
     held: HeldMotion | None = None
     held_drive: _core.LogInput | None = None
     shifted_drive: _core.LogInput | None = None
-    nominal_gained: np.ndarray | None = None  # (rows,) GAINED of the rig; None until computed
+    nominal_gain: np.ndarray | None = None  # (rows,) GAIN of the rig; None until computed
 
 
 @dataclass(frozen=True)
@@ -210,11 +209,11 @@ def _held_simulation(
     inertia = theta[:, problem.index(MOTOR_INERTIA)][:, None]
     out, gained = _row_by_row(run.held_drive, theta, states)
     out[NET_TORQUE] = np.where(run.held.known, gained * inertia, 0.0)
-    if run.nominal_gained is not None and not changes_gain(problem, theta):
-        out[GAINED] = run.nominal_gained[None, :]
+    if run.nominal_gain is not None and not changes_gain(problem, theta):
+        out[GAIN] = run.nominal_gain[None, :]
     else:
         _, shifted = _row_by_row(run.shifted_drive, theta, states)
-        out[GAINED] = np.where(run.held.known, (shifted - gained) * inertia, 0.0)
+        out[GAIN] = np.where(run.held.known, (shifted - gained) * inertia / _shift(run), 0.0)
     out["time_s"] = np.asarray(run.log.time_s, float)[None, :]
     return out
 
@@ -282,7 +281,7 @@ def balance_problem(problem: Problem) -> BalanceProblem | None:
     problem = BalanceProblem(**vars(joined))
     nominal = problem.simulate(problem.theta0)
     runs = [
-        replace(run, nominal_gained=one[GAINED][0])
+        replace(run, nominal_gain=one[GAIN][0])
         for run, one in zip(problem.runs, nominal, strict=True)
     ]
     return replace(problem, runs=tuple(runs))
@@ -308,7 +307,7 @@ def _shift(run: MeasuredRun) -> np.ndarray:
     sign.
     """
     command = run.driving.command
-    size = BALANCE.shift_share * float(np.quantile(np.abs(command), 0.95))
+    size = BALANCE.shift_share * float(np.quantile(np.abs(command[command != 0.0]), 0.95))
     return np.where(command < 0.0, -size, size)
 
 
@@ -372,7 +371,6 @@ def _torque_channel(run: MeasuredRun, rig: Rig, motion: HeldMotion) -> TorqueCha
         begin=begin,
         acceleration=acceleration,
         gain=np.full(len(end), gain),
-        shift=_span_means(_shift(run), time_s, begin, end),
     )
 
 
