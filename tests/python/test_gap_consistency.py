@@ -348,6 +348,42 @@ def test_the_members_by_which_a_rival_differs_are_judged(monkeypatch: pytest.Mon
         assert established.is_established_rival(SimpleNamespace(), rival, best, {}) is holds
 
 
+@pytest.mark.parametrize(
+    ("holds", "named"),
+    [
+        ({"b"}, ("b",)),  # a part of the selected set
+        ({"a", "b", "c"}, ("a", "b", "c")),
+        ({"b", "c"}, ("b", "c")),  # no part of it
+        ({"d"}, ("d",)),
+        (set(), ()),
+    ],
+)
+def test_the_best_of_all_fitted_sets_whose_members_are_established_is_named(
+    holds: set[str], named: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The selected set has the members a and b."""
+    left = {"": 9.0, "a": 8.0, "b": 6.0, "d": 4.5, "a b": 3.0, "b c": 5.0, "a b c": 4.0}
+    fits = {tuple(k.split()): SimpleNamespace(ids=tuple(k.split())) for k in left}
+    state = SimpleNamespace(
+        fits=fits, retuned=fits[()], score=lambda one: left[" ".join(one.ids)], without=frozenset()
+    )
+
+    def member(search: object, one: SimpleNamespace, effect_id: str, _: object) -> SimpleNamespace:
+        return SimpleNamespace(id=effect_id, established=set(one.ids) == holds, gain=1.0)
+
+    monkeypatch.setattr(established, "Member", member)
+    monkeypatch.setattr(established, "may_be_established", lambda *_: True)
+    monkeypatch.setattr(established, "can_grow", lambda *_: False)
+    monkeypatch.setattr(established, "replaces", lambda *_: True)
+    monkeypatch.setattr(
+        established,
+        "fit_without",
+        lambda _, one, gone: fits[tuple(i for i in one.ids if i != gone)],
+    )
+    found = established.established_set(state, fits[("a", "b")], {})
+    assert found.ids == named
+
+
 def test_every_rule_is_needed() -> None:
     assert member().established
     assert not any(member(without=rule).established for rule in RULES)

@@ -3,7 +3,6 @@ and substantially, keeps its size wherever the logs show it, and is not an incom
 its subsystem.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +12,7 @@ from vgroove.gap.selection.candidate_sets import fit_set, fit_without
 from vgroove.gap.selection.forward import grow, leaves_established_share
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import difference_interval
-from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key
 from vgroove.gap.verdict import consistency
 from vgroove.gap.verdict.consistency import LIMITS
 from vgroove.gap.verdict.covariates import Covariates
@@ -23,7 +22,7 @@ from vgroove.gap.verdict.covariates import Covariates
 class EstablishedLimits:
     """Thresholds of an established member (docs/spec/gap.md, section 5)."""
 
-    tried: int = 5  # larger sets that are tried, best first, to extend an established set
+    tried: int = 24  # fitted sets whose members are examined, best first, for an established one
 
 
 ESTABLISHED = EstablishedLimits()
@@ -108,16 +107,67 @@ def gains_enough(search: Search, best: Fit, without: Fit, effect_id: str) -> boo
 
 
 def established_set(search: Search, best: Fit, covariates: Covariates) -> Fit:
-    """The largest established part of a set, extended while a further member is established; the
-    retuned fit where nothing is.
+    """The established part of a set, or another fitted set whose members are all established and
+    which is better; sets of one more member are fitted as long as this finds a better one. The
+    retuned fit where nothing is established.
+
+    Not only parts of the selected set are examined: a member may keep its size only beside another
+    one that the selection left out.
     """
-    best = without_doubtful(search, best, covariates)
-    while len(best.ids) < STEPWISE.max_effects and leaves_established_share(search, best):
-        larger = established_extension(search, best, covariates)
-        if larger is None:
+    examined: dict[int, Fit | None] = {}
+    found, before = without_doubtful(search, best, covariates), None
+    while found is not before:
+        if can_grow(search, found):
+            grow(search, found)
+        before, found = found, best_established(search, found, covariates, examined)
+    return with_special_cases(search, found, covariates)
+
+
+def can_grow(search: Search, one: Fit) -> bool:
+    """Whether a further member could be established beside those of a set."""
+    return 0 < len(one.ids) < STEPWISE.max_effects and leaves_established_share(search, one)
+
+
+def best_established(
+    search: Search, found: Fit, covariates: Covariates, examined: dict[int, Fit | None]
+) -> Fit:
+    """The best fitted set that is better than `found` and whose members are all established;
+    `found` where there is none. examined: by id() of a fit, the fit where it is established, None
+    where it is not; sets that are examined are added.
+    """
+    limit = search.score(found)
+    for one in sorted(search.fits.values(), key=lambda f: (round(search.score(f), 9), f.ids)):
+        if search.score(one) >= limit:
             break
-        best = larger
-    return with_special_cases(search, best, covariates)
+        if id(one) not in examined and may_be_established(search, one):
+            if len(examined) >= ESTABLISHED.tried:
+                continue
+            examined[id(one)] = one if is_established(search, one, covariates) else None
+        if examined.get(id(one)) is one and replaces(search, one, found):
+            return one
+    return found
+
+
+def replaces(search: Search, one: Fit, found: Fit) -> bool:
+    """Whether an established set of a smaller squared gap replaces another one: not where both
+    predict the held-out rows equally well, and with further members only where it is better.
+    """
+    if search.is_tied(found, one):
+        return False
+    return len(one.ids) <= len(found.ids) or search.is_better(one, found)
+
+
+def may_be_established(search: Search, one: Fit) -> bool:
+    """Whether a set is valid and no fit without one of its members shows that this one gains less
+    than an established member.
+    """
+    leaner = (search.fits.get(key([i for i in one.ids if i != member])) for member in one.ids)
+    return is_valid(one) and all(f is None or search.gains_share(one, f) for f in leaner)
+
+
+def is_established(search: Search, one: Fit, covariates: Covariates) -> bool:
+    """Whether all members of a set are established."""
+    return all(Member(search, one, i, covariates).established for i in one.ids)
 
 
 def with_special_cases(search: Search, best: Fit, covariates: Covariates) -> Fit:
@@ -129,7 +179,7 @@ def with_special_cases(search: Search, best: Fit, covariates: Covariates) -> Fit
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
             if search.gains_share(best, one):
                 continue
-            if all(Member(search, one, i, covariates).established for i in one.ids):
+            if is_established(search, one, covariates):
                 return with_special_cases(search, one, covariates)
     return best
 
@@ -155,21 +205,3 @@ def is_established_rival(search: Search, rival: Fit, best: Fit, covariates: Cova
     return all(
         Member(search, rival, i, covariates).is_rival for i in rival.ids if i not in best.ids
     )
-
-
-def established_extension(search: Search, best: Fit, covariates: Covariates) -> Fit | None:
-    """The best set of one more member whose members are all established; None if there is none."""
-    if best.ids:
-        grow(search, best)
-    for one in larger_sets(search, best)[: ESTABLISHED.tried]:
-        if all(Member(search, one, i, covariates).established for i in one.ids):
-            return one
-    return None
-
-
-def larger_sets(search: Search, best: Fit) -> Sequence[Fit]:
-    """Fitted sets of one member more than the given one, best first."""
-    found = (
-        f for f in search.ranked(len(best.ids) + 1) if set(best.ids) < set(f.ids) and is_valid(f)
-    )
-    return list(found)
