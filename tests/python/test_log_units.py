@@ -84,6 +84,13 @@ UNITS = [
     ("current_a", 1e3, "current_a:mA=current_a"),
     ("current_a", -1.0, "current_a:-A=current_a"),
     ("current_a", -1e3, "current_a:-mA=current_a"),
+    ("current_a", 1e-3, "current_a:kA=current_a"),
+    ("speed_rpm", 1e-3, "speed_rpm:krpm=speed_rpm"),
+    ("speed_rpm", 4.0 / 60.0, "speed_rpm:15 rpm=speed_rpm"),  # edges a second
+    ("speed_rpm", np.pi / 30.0 / 9.0, "speed_rpm:85.94367 rpm=speed_rpm"),  # rad/s of the output
+    ("duty", 100.0, "duty:%=duty"),
+    ("duty", 255.0, "duty:0.003921569=duty"),
+    ("duty", 32_767.0, "duty:3.051851e-05=duty"),
     ("supply_v", 1e3, "supply_v:mV=supply_v"),
     ("speed_rpm", np.pi / 30.0, "speed_rpm:rad/s=speed_rpm"),
     ("speed_rpm", 1.0 / 60.0, "speed_rpm:rev/s=speed_rpm"),
@@ -106,6 +113,47 @@ def test_a_wrong_unit_or_sign_is_named_with_its_mend(column: str, factor: float,
         checked_logs([scaled(log, column, factor)], tool)
     assert mend in str(caught.value) and "--as-is" in str(caught.value)
     assert checked_logs([scaled(log, column, factor)], tool, as_is=True)
+
+
+def with_angle(log: Log, turn: float) -> Log:
+    """The log with a position in units of which `turn` are one turn of the motor."""
+    angle = np.cumsum(log["speed_rpm"]) / 60.0 * np.median(np.diff(log.time_s)) * turn
+    return replace(log, columns={**log.columns, "position_rad": angle}, warnings=[])
+
+
+@pytest.mark.parametrize(
+    ("turn", "mend"),
+    [
+        (360.0, '"position_rad:deg='),
+        (1.0, '"position_rad:rev='),
+        (2.0 * np.pi / 9.0, "gearbox.ratio 9"),
+        (64.0, "counts of an encoder, 63."),
+        (4096.0, "counts of an encoder, 40"),  # the shaft is 0.5 % slower than the rig's
+        (-2000.0, "counts of an encoder, 19"),
+    ],
+)
+def test_a_position_in_another_unit_is_named(turn: float, mend: str) -> None:
+    log, tool = practice()
+    assert not check_log(with_angle(log, 2.0 * np.pi), tool).refused
+    found = [f.text for f in check_log(with_angle(log, turn), tool).findings if f.refuses]
+    assert len(found) == 1 and mend in found[0], found
+
+
+@pytest.mark.parametrize("turn", [2.0 * np.pi, 360.0])
+def test_an_angle_within_one_turn_is_refused(turn: float) -> None:
+    log, tool = practice()
+    turning = with_angle(log, turn)
+    wrapped = {**turning.columns, "position_rad": turning["position_rad"] % turn}
+    found = check_log(replace(turning, columns=wrapped), tool)
+    assert found.refused and "within one turn" in found.findings[0].text, found.findings
+
+
+def test_a_column_without_a_value_compares_no_sample() -> None:
+    log, tool = practice()
+    empty = replace(log, columns={**log.columns, "current_a": np.full(len(log), np.nan)})
+    with pytest.raises(VgrooveError, match="column current_a: holds no value"):
+        checked_logs([empty], tool)
+    assert not check_log(empty).refused
 
 
 def test_each_unit_that_a_message_names_is_one_that_the_map_reads() -> None:
