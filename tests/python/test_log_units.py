@@ -225,6 +225,35 @@ def test_a_column_without_a_compared_sample_is_refused() -> None:
         refuse_uncompared(Problem())
 
 
+def with_rows_as_instants(log: Log, kind: str = "duty") -> Log:
+    """The log with each command in the row from which on it acts."""
+    command = log.columns[kind]
+    later = np.append(command[1:], command[-1])
+    return replace(log, columns={**log.columns, kind: later}, warnings=[])
+
+
+@pytest.mark.parametrize("number", ["001", "004", "006", "009", "010", "011"])
+def test_the_convention_of_the_rows_is_that_of_the_response(number: str) -> None:
+    folder = PRACTICE.parent / f"practice_{number}"
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    check = check_log(log, tool)
+    assert check.facts.command_rows == "interval" and not check.findings, check
+    check = check_log(with_rows_as_instants(log), tool)
+    assert check.facts.command_rows == "instant", check.facts
+    assert 'hold = "after"' in check.findings[0].text
+    stated = replace(tool, input={**tool.input, "hold": "after"})
+    assert not check_log(with_rows_as_instants(log), stated).findings
+
+
+def test_a_log_that_does_not_show_the_convention_leaves_it_open() -> None:
+    log, tool = practice()
+    steady = replace(log, columns={**log.columns, "duty": np.full(len(log), 0.5)}, warnings=[])
+    assert check_log(steady, tool).facts.command_rows == "unknown"
+    noise = np.random.default_rng(1).normal(0.0, 20.0, len(log))
+    noisy = replace(log, columns={**log.columns, "current_a": noise}, warnings=[])
+    assert check_log(noisy, tool).facts.command_rows == "unknown"
+
+
 def test_the_command_prints_facts_and_writes_them(tmp_path: Path) -> None:
     path = tmp_path / "check.json"
     arguments = ["log", "check", f"{PRACTICE / 'log.csv'}", "--rig", f"{PRACTICE / 'rig.toml'}"]
