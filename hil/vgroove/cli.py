@@ -218,6 +218,16 @@ def run(
             "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
         ),
     ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option("--rig", help="On a board: the rig with which the logs are checked."),
+    ] = None,
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--log", help="On a board: an earlier log, checked before the run; repeatable."
+        ),
+    ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of the board's line.")] = 250_000,
 ) -> None:
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
@@ -227,14 +237,16 @@ def run(
 
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     if scenario_path is None and on not in ("sil", "avr"):
+        from vgroove.board_checks import BoardChecks
         from vgroove.board_run import chosen_profile, run_on_board
 
-        run_on_board(options, chosen_profile(experiment, next_path), baud)
+        profile = chosen_profile(experiment, next_path)
+        run_on_board(options, profile, baud, BoardChecks.of(rig, logs or ()))
         return
-    if scenario_path is None or experiment or next_path:
+    if scenario_path is None or experiment or next_path or rig or logs:
         raise VgrooveError(
             "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME "
-            "or --next VERDICT.json"
+            "or --next VERDICT.json, with --rig and --log"
         )
     _run_scenario(scenario_path, seed, options)
 
