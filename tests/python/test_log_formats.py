@@ -97,6 +97,14 @@ def test_quoted_cells_with_a_decimal_comma_are_numbers(tmp_path: Path, delimiter
     assert same(read_log(tmp_path / "a.csv"), sample())
 
 
+@pytest.mark.parametrize("cell", ['1"2"3', '"1""2"', '"1,2,3"', '""1'])
+def test_a_quote_within_a_cell_is_no_number(tmp_path: Path, cell: str) -> None:
+    lines = text_of(own(sample())).splitlines()
+    lines[4] = f"0.004,{cell},1,2"
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    refused(tmp_path / "a.csv", "line 5")
+
+
 def test_decimal_commas_between_commas_are_refused_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text_of(own(sample()), ",", ","))
     refused(tmp_path / "a.csv", "line 2", "decimal comma", "semicolons")

@@ -6,6 +6,7 @@ import codecs
 import csv
 import gzip
 import os
+import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -154,12 +155,17 @@ class _Rows:
             yield self._fast(lines, known) or self._careful(lines, known)
 
     def _fast(self, lines: list[str], known: Sequence[int]) -> _Chunk | None:
-        """The rows of these lines by the reader of numpy; None where one is blank, holds a quote,
-        another number of cells, or a cell that is no finite number.
+        """The rows of these lines by the reader of numpy; None where one is blank, holds a quote
+        that is open or within a cell, another number of cells, or a cell that is no finite number.
         """
         delimiter, text = self._delimiter, "".join(lines)
-        if '"' in text or "_" in text:
+        if "_" in text:
             return None
+        if '"' in text:  # a quoted separator makes the number of cells another one
+            inner = rf'[^{delimiter}\r\n]"[^{delimiter}\r\n]'
+            if re.search(inner, text) or any(line.count('"') % 2 for line in lines):
+                return None
+            lines = [line.replace('"', "") for line in lines]
         if set(map(str.count, lines, repeat(delimiter))) != {len(self.header) - 1}:
             return None
         if delimiter != "," and "," in text:
