@@ -538,9 +538,15 @@ def effects(
         print_line(result_console(json_path), line)
 
 
+def _drop_standard_output() -> None:
+    """Let what is left for standard output, which cannot be written, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def main() -> None:
-    """Run the command line: a VgrooveError is printed on stderr with exit code 2; Ctrl-C gives exit
-    code 130, a signal N that ends a run 128 + N.
+    """Run the command line: a VgrooveError, and a standard output that cannot be written, are
+    reported on stderr with exit code 2; Ctrl-C gives exit code 130, a signal N that ends a run
+    128 + N.
     """
     try:
         app()
@@ -548,8 +554,15 @@ def main() -> None:
         print_line(Console(stderr=True), f"vgroove: {error}", style="red")
         sys.exit(2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_standard_output()
         sys.exit(1)
+    except OSError as error:
+        _drop_standard_output()
+        what = error.filename or "standard output"
+        print_line(
+            Console(stderr=True), f"vgroove: {what}: {error.strerror or error}.", style="red"
+        )
+        sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
     except Terminated as signalled:

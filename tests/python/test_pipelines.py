@@ -161,6 +161,15 @@ def test_json_on_standard_output_is_alone_there(command: list[str]) -> None:
     assert json.loads(done.stdout)["schema"].startswith("vgroove.")
 
 
+@pytest.mark.parametrize("more", [[], ["--json", "-"], ["--json", "/dev/full"]])
+def test_a_full_device_is_a_sentence(more: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [*VGROOVE, "effects", *more]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2 and "No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+
+
 def test_standard_output_takes_one_file() -> None:
     done = vgroove("sim", ROOT / "rigs/impact_driver.toml", "--json", "-", "-o", "-")
     assert done.returncode == 2 and "standard output takes one of the files" in done.stderr
