@@ -48,14 +48,19 @@ class Shift:
     gain: float
 
     @property
-    def convention(self) -> str:
-        """Convention of the rows: interval, instant or unknown."""
+    def side(self) -> str:
+        """Convention to which the shift is nearer: interval or instant; empty where it is not
+        significant.
+        """
         fits = RULES.min_gain <= self.gain <= 1.0 / RULES.min_gain
         if not fits or not abs(self.rows - 0.5) > RULES.sigmas * self.error:
-            return "unknown"
-        near = "interval" if self.rows < 0.5 else "instant"
-        off = abs(self.rows - (near == "instant"))
-        return near if off <= RULES.max_off else "unknown"
+            return ""
+        return "interval" if self.rows < 0.5 else "instant"
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the shift is about that of its side, and no delay or lag of the tool."""
+        return abs(self.rows - (self.side == "instant")) <= RULES.max_off
 
     def __str__(self) -> str:
         return f"{self.column} {self.rows:.2f} +- {self.error:.2f} rows"
@@ -71,10 +76,11 @@ def convention_of(log: Log, rig: Rig) -> tuple[str, str]:
     reason = (
         f"response later than with rows as intervals: {', '.join(map(str, shifts))}; instants: 1"
     )
-    decided = {shift.convention for shift in shifts} - {"unknown"}
-    if len(decided) != 1:
+    clear = [shift for shift in shifts if shift.side]
+    sides = {shift.side for shift in clear}
+    if len(sides) != 1 or not any(shift.is_near for shift in clear):
         return "unknown", f"{reason}: that does not decide"
-    return decided.pop(), reason
+    return sides.pop(), reason
 
 
 def shifts_of(log: Log, rig: Rig) -> list[Shift]:
