@@ -245,6 +245,12 @@ def test_the_convention_of_the_rows_is_that_of_the_response(number: str) -> None
     assert not check_log(with_rows_as_instants(log), stated).findings
 
 
+def test_a_longer_delay_of_the_tool_is_no_convention() -> None:
+    folder = PRACTICE.parent / "practice_003"  # 4.2 rows
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    assert check_log(log, tool).facts.command_rows == "unknown"
+
+
 def test_a_log_that_does_not_show_the_convention_leaves_it_open() -> None:
     log, tool = practice()
     steady = replace(log, columns={**log.columns, "duty": np.full(len(log), 0.5)}, warnings=[])

@@ -40,12 +40,15 @@ RULES = ConventionRules()
 
 @dataclass(frozen=True)
 class Shift:
-    """Shift of a column's response in rows, its standard error, and the gain of the column."""
+    """Shift of a column's response in rows, its standard error, and the gain of the column. beyond:
+    the shift beyond that of instants, in rows, from a simulation that is one row later.
+    """
 
     column: str
     rows: float
     error: float
     gain: float
+    beyond: float = 0.0
 
     @property
     def side(self) -> str:
@@ -60,7 +63,8 @@ class Shift:
     @property
     def is_near(self) -> bool:
         """Whether the shift is about that of its side, and no delay or lag of the tool."""
-        return abs(self.rows - (self.side == "instant")) <= RULES.max_off
+        off = abs(self.rows - (self.side == "instant"))
+        return off <= RULES.max_off and (self.side == "interval" or self.beyond < 0.5)
 
     def __str__(self) -> str:
         return f"{self.column} {self.rows:.2f} +- {self.error:.2f} rows"
@@ -89,8 +93,18 @@ def shifts_of(log: Log, rig: Rig) -> list[Shift]:
         {pair.column: pair for pair in nominal_pairs(log, _with_hold(rig, hold))}
         for hold in ("before", "after")
     )
-    found = (shift_of(before[c], after[c]) for c in COLUMNS if c in before)
-    return [shift for shift in found if shift is not None]
+    found = []
+    for column in (c for c in COLUMNS if c in before):
+        shift = shift_of(before[column], after[column])
+        beyond = shift_of(after[column], one_row_later(after[column]))
+        if shift is not None:
+            found.append(replace(shift, beyond=beyond.rows if beyond else 0.0))
+    return found
+
+
+def one_row_later(pair: Pair) -> Pair:
+    """The pair with its nominal signal one row later."""
+    return replace(pair, nominal=np.concatenate([pair.nominal[:1], pair.nominal[:-1]]))
 
 
 def _with_hold(rig: Rig, hold: str) -> Rig:
