@@ -17,8 +17,8 @@ import pytest
 from can.io import BLFReader
 from typer.testing import CliRunner
 
-from test_recorder import wait_for_part
 from telemetry_board import ROOT
+from test_recorder import wait_for_part
 from test_run import VGROOVE
 from vgroove import telemetry
 from vgroove.board_checks import BoardChecks

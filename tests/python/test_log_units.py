@@ -18,6 +18,7 @@ from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
+from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN
 from vgroove.gap.log_check.plausible import TIME_UNITS
 from vgroove.log import Log, read_log, write_csv
@@ -113,6 +114,48 @@ def test_a_wrong_unit_or_sign_is_named_with_its_mend(column: str, factor: float,
         checked_logs([scaled(log, column, factor)], tool)
     assert mend in str(caught.value) and "--as-is" in str(caught.value)
     assert checked_logs([scaled(log, column, factor)], tool, as_is=True)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "mend"),
+    [
+        ("current_a", 1e3, "current_a:mA=current_a"),
+        ("current_a", -1e3, "current_a:-mA=current_a"),
+        ("current_a", -1.0, "current_a:-A=current_a"),
+        ("position_rad", 180.0 / np.pi, "position_rad:deg=position_rad"),
+        ("position_rad", 0.5 / np.pi, "position_rad:rev=position_rad"),
+        ("position_rad", 1e3, "position_rad:mrad=position_rad"),
+        ("position_rad", -1.0, "position_rad:-rad=position_rad"),
+    ],
+)
+def test_a_wrong_unit_is_named_where_a_current_drives(
+    column: str, factor: float, mend: str
+) -> None:
+    folder = ROOT / "tests/data/emps"
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    found = [f.text for f in check_log(scaled(log, column, factor), tool).findings if f.refuses]
+    assert len(found) == 1 and mend in found[0], found
+
+
+def test_the_acceleration_per_current_allows_for_friction_noise_and_load() -> None:
+    tool = replace(rig(), input={"kind": "current_a"}, load={"kind": "torque"})
+    rng, time_s = np.random.default_rng(3), np.arange(4000) / 1000.0
+    current = 6.0 * np.sign(np.sin(9.0 * time_s)) + 2.0 * np.sin(31.0 * time_s)
+    load, speed = 0.2 + 0.1 * np.sin(5.0 * time_s), np.zeros(4000)
+    motor, inertia = tool.motor, tool.shaft_inertia_kg_m2
+    for k in range(1, 4000):
+        torque = motor["torque_constant_nm_per_a"] * current[k] - load[k] / tool.gearbox["ratio"]
+        torque -= 0.02 * np.tanh(speed[k - 1] / 5.0) + 5e-5 * speed[k - 1]
+        speed[k] = speed[k - 1] + torque / inertia * 1e-3
+    columns = {
+        "current_a": current + rng.normal(0.0, 0.1, 4000),
+        "speed_rpm": (speed + rng.normal(0.0, 1.0, 4000)) * 30.0 / np.pi,
+        "load_nm": load,
+    }
+    factors = acceleration_factors(Log(time_s, columns, "made"), tool)
+    assert factors["speed_rpm"] == pytest.approx(1.0, abs=0.03)
+    noise = {**columns, "speed_rpm": rng.normal(0.0, 100.0, 4000)}
+    assert acceleration_factors(Log(time_s, noise, "noise"), tool) == {}
 
 
 def with_angle(log: Log, turn: float) -> Log:

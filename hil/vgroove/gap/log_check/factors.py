@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.finding import Finding
 from vgroove.gap.log_check.nominal import (
     Pair,
@@ -116,6 +117,7 @@ CONVERTED_TWICE = {
     "0.1047198 rpm": "it was converted from rad/s to rpm twice",
     "0.01666667 rpm": "it was converted from rev/s to rpm twice",
 }
+CURRENT_UNITS = {1e3: "mA", -1e3: "-mA", -1.0: "-A"}
 GEARED = ("speed_rpm", "position_rad")
 WIDE_FACTORS = (1e3, 1e-3)
 
@@ -130,8 +132,30 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     factor = 1.0 if "log_hz" in rig.sensors else best_time_factor(part, rig)
     if factor != 1.0:
         return [time_finding(part, rig, factor)]
+    if accelerations := acceleration_factors(part, rig):
+        return _acceleration_findings(accelerations, rig)
     slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
     return _input_findings(slopes, rig) or [f for s in slopes for f in _column_findings(s, rig)]
+
+
+def _acceleration_findings(factors: dict[str, float], rig: Rig) -> list[Finding]:
+    """Findings on factors of columns that a current drives: the current's, where its unit explains
+    all of them.
+    """
+    slopes = [Slope(column, factor, 0.0, 1.0) for column, factor in factors.items()]
+    for size, unit in CURRENT_UNITS.items():
+        if all(_matches(slope.factor, Unit(1.0 / size, "", "", wide=True)) for slope in slopes):
+            what, factor = f"columns current_a and {_names(slopes)}", f"{slopes[0].factor:.4g}"
+            said = (
+                "one of them has the opposite sign" if size == -1.0 else f"current_a is in {unit}"
+            )
+            if "log_hz" not in rig.sensors and unit == "mA":
+                said += " (or time_s in ms)"
+            mends = [_mend("current_a", unit)]
+            if size == -1.0:
+                mends += [_mend(s.column, f"-{COLUMN_UNITS[s.column]}") for s in slopes]
+            return [_refusal(what, factor, said, ", or ".join(mends))]
+    return [finding for slope in slopes for finding in _column_findings(slope, rig)]
 
 
 def slope_of(pair: Pair, log: Log, rig: Rig) -> Slope | None:
