@@ -65,6 +65,23 @@ Maps = Annotated[
 MapFile = Annotated[
     Path | None, typer.Option("--map-file", help="TOML file that names the columns of a log.")
 ]
+ExperimentName = Annotated[
+    str | None,
+    typer.Option("--experiment", help="On a board: a run that can be proposed, such as reversal."),
+]
+NextPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
+    ),
+]
+CheckRig = Annotated[
+    Path | None, typer.Option("--rig", help="On a board: the rig with which logs are checked.")
+]
+CheckLogs = Annotated[
+    list[Path] | None,
+    typer.Option("--log", help="On a board: an earlier log, checked before the run; repeatable."),
+]
 bench_app = typer.Typer(
     no_args_is_help=True,
     help="Benchmarks: plant and diagnosis against other software, controllers in simulation.",
@@ -209,25 +226,10 @@ def run(
     eeprom: Annotated[
         Path | None, typer.Option(help="EEPROM image, read before the run and written after.")
     ] = None,
-    experiment: Annotated[
-        str | None, typer.Option(help="On a board: a run that can be proposed, such as reversal.")
-    ] = None,
-    next_path: Annotated[
-        Path | None,
-        typer.Option(
-            "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
-        ),
-    ] = None,
-    rig: Annotated[
-        Path | None,
-        typer.Option("--rig", help="On a board: the rig with which the logs are checked."),
-    ] = None,
-    logs: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--log", help="On a board: an earlier log, checked before the run; repeatable."
-        ),
-    ] = None,
+    experiment: ExperimentName = None,
+    next_path: NextPath = None,
+    rig: CheckRig = None,
+    logs: CheckLogs = None,
     baud: Annotated[int, typer.Option(help="Baud rate of the board's line.")] = 250_000,
 ) -> None:
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
