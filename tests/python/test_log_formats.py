@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -534,6 +535,21 @@ def test_a_table_of_python_is_a_log(kind: str) -> None:
     assert same(as_log(TABLES[kind](own(log))), log)
     assert same(as_log(TABLES[kind](foreign(log)), column_map(FOREIGN)), log, 1e-9)
     assert len(as_list(TABLES[kind](own(log)))) == 1
+
+
+def test_dates_with_a_time_zone_decimals_and_numbers_as_names_are_read() -> None:
+    log = sample()
+    start = pd.Timestamp("2026-03-31 12:00", tz="Europe/Berlin")
+    frame = pd.DataFrame(own(log))
+    frame["time_s"] = start + pd.to_timedelta(log.time_s, unit="s")
+    frame["current_a"] = [Decimal(repr(value)) for value in log["current_a"].tolist()]
+    later = replace(log, time_s=log.time_s - log.time_s[0])
+    read = as_log(frame)
+    assert np.allclose(read.time_s, later.time_s, atol=1e-6)
+    assert np.array_equal(read["current_a"], log["current_a"])
+    numbered = pd.DataFrame(np.stack(list(own(log).values()), 1))
+    names = [f"{k}={name}" for k, name in enumerate(own(log))]
+    assert same(as_log(numbered, column_map(names)), log)
 
 
 def test_a_table_that_is_no_log_is_refused() -> None:
