@@ -21,6 +21,7 @@ from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN
 from vgroove.gap.log_check.plausible import TIME_UNITS
+from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, read_log, write_csv
 from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig, read_rig
@@ -141,7 +142,7 @@ def test_the_acceleration_per_current_allows_for_friction_noise_and_load() -> No
     tool = replace(rig(), input={"kind": "current_a"}, load={"kind": "torque"})
     rng, time_s = np.random.default_rng(3), np.arange(4000) / 1000.0
     current = 6.0 * np.sign(np.sin(9.0 * time_s)) + 2.0 * np.sin(31.0 * time_s)
-    load, speed = 0.2 + 0.1 * np.sin(5.0 * time_s), np.zeros(4000)
+    load, speed = 0.15 * np.sign(np.sin(9.0 * time_s)), np.zeros(4000)
     motor, inertia = tool.motor, tool.shaft_inertia_kg_m2
     for k in range(1, 4000):
         torque = motor["torque_constant_nm_per_a"] * current[k] - load[k] / tool.gearbox["ratio"]
@@ -301,6 +302,9 @@ def test_a_log_that_does_not_show_the_convention_leaves_it_open() -> None:
     noise = np.random.default_rng(1).normal(0.0, 20.0, len(log))
     noisy = replace(log, columns={**log.columns, "current_a": noise}, warnings=[])
     assert check_log(noisy, tool).facts.command_rows == "unknown"
+    assert Shift("current_a", 0.2, 0.09, 1.0).side == "interval"
+    assert Shift("current_a", 0.2, 0.11, 1.0).side == ""
+    assert Shift("current_a", 0.2, 0.01, 0.1).side == ""
 
 
 def test_the_command_prints_facts_and_writes_them(tmp_path: Path) -> None:

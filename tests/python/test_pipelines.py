@@ -168,6 +168,8 @@ def test_a_full_device_is_a_sentence(more: list[str]) -> None:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2 and "No space left on device" in done.stderr
     assert "Traceback" not in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+    with pytest.raises(VgrooveError, match="/dev/full: cannot be written: No space left"):
+        write_all([(Path("/dev/full"), "text")])
 
 
 def test_standard_output_takes_one_file() -> None:
