@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from vgroove.board_checks import BoardChecks
 from vgroove.errors import VgrooveError
 from vgroove.gap.next_run.menu import MENU, RunProfile, profile_from_verdict, profile_named
 from vgroove.guided_run import GuidedRun
@@ -38,6 +39,9 @@ def chosen_profile(experiment: str | None, verdict: Path | None) -> RunProfile:
     return profile_from_verdict(content, str(verdict))
 
 
+NO_CHECKS = BoardChecks()
+
+
 class OperatorPrompt:
     """Shows the operator's instructions: in the progress bar on a terminal; elsewhere each new
     instruction is printed as a line.
@@ -56,11 +60,13 @@ class OperatorPrompt:
         self._shown = instruction
 
 
-def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
-    """Perform and record a run.
+def run_on_board(
+    options: RunOptions, profile: RunProfile, baud: int, checks: BoardChecks = NO_CHECKS
+) -> None:
+    """Perform and record a run, and check the log.
 
-    Raises VgrooveError as `record` does, or with the reason why the run ended early, and
-    KeyboardInterrupt on Ctrl-C; the rows recorded until then are kept.
+    Raises VgrooveError as `record` does, or with the reason why the run ended early or a diagnosis
+    would refuse the log, and KeyboardInterrupt on Ctrl-C; the rows recorded until then are kept.
     """
     if options != RunOptions(options.on, output=options.output):
         raise VgrooveError(
@@ -87,3 +93,5 @@ def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
                     print_line(console, line)
     if recording.ended == "interrupted":
         raise KeyboardInterrupt
+    for warning in checks.warnings_of(recording.output):
+        print_warning(console, warning)

@@ -65,6 +65,23 @@ Maps = Annotated[
 MapFile = Annotated[
     Path | None, typer.Option("--map-file", help="TOML file that names the columns of a log.")
 ]
+ExperimentName = Annotated[
+    str | None,
+    typer.Option("--experiment", help="On a board: a run that can be proposed, such as reversal."),
+]
+NextPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
+    ),
+]
+CheckRig = Annotated[
+    Path | None, typer.Option("--rig", help="On a board: the rig with which logs are checked.")
+]
+CheckLogs = Annotated[
+    list[Path] | None,
+    typer.Option("--log", help="On a board: an earlier log, checked before the run; repeatable."),
+]
 bench_app = typer.Typer(
     no_args_is_help=True,
     help="Benchmarks: plant and diagnosis against other software, controllers in simulation.",
@@ -209,15 +226,10 @@ def run(
     eeprom: Annotated[
         Path | None, typer.Option(help="EEPROM image, read before the run and written after.")
     ] = None,
-    experiment: Annotated[
-        str | None, typer.Option(help="On a board: a run that can be proposed, such as reversal.")
-    ] = None,
-    next_path: Annotated[
-        Path | None,
-        typer.Option(
-            "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
-        ),
-    ] = None,
+    experiment: ExperimentName = None,
+    next_path: NextPath = None,
+    rig: CheckRig = None,
+    logs: CheckLogs = None,
     baud: Annotated[int, typer.Option(help="Baud rate of the board's line.")] = 250_000,
 ) -> None:
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
@@ -227,14 +239,16 @@ def run(
 
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     if scenario_path is None and on not in ("sil", "avr"):
+        from vgroove.board_checks import BoardChecks
         from vgroove.board_run import chosen_profile, run_on_board
 
-        run_on_board(options, chosen_profile(experiment, next_path), baud)
+        profile = chosen_profile(experiment, next_path)
+        run_on_board(options, profile, baud, BoardChecks.of(rig, logs or ()))
         return
-    if scenario_path is None or experiment or next_path:
+    if scenario_path is None or experiment or next_path or rig or logs:
         raise VgrooveError(
             "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME "
-            "or --next VERDICT.json"
+            "or --next VERDICT.json, with --rig and --log"
         )
     _run_scenario(scenario_path, seed, options)
 
@@ -526,9 +540,15 @@ def effects(
         print_line(result_console(json_path), line)
 
 
+def _drop_standard_output() -> None:
+    """Let what is left for standard output, which cannot be written, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def main() -> None:
-    """Run the command line: a VgrooveError is printed on stderr with exit code 2; Ctrl-C gives exit
-    code 130, a signal N that ends a run 128 + N.
+    """Run the command line: a VgrooveError, and a standard output that cannot be written, are
+    reported on stderr with exit code 2; Ctrl-C gives exit code 130, a signal N that ends a run
+    128 + N.
     """
     try:
         app()
@@ -536,8 +556,15 @@ def main() -> None:
         print_line(Console(stderr=True), f"vgroove: {error}", style="red")
         sys.exit(2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_standard_output()
         sys.exit(1)
+    except OSError as error:
+        _drop_standard_output()
+        what = error.filename or "standard output"
+        print_line(
+            Console(stderr=True), f"vgroove: {what}: {error.strerror or error}.", style="red"
+        )
+        sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
     except Terminated as signalled:

@@ -46,8 +46,13 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         sys.stdout.buffer.flush()
         return
     if _is_device(path):
-        with path.open("wb") as device:
+        device = path.open("wb")
+        try:
             yield device
+            device.flush()
+        finally:
+            with suppress(OSError):  # of bytes that could not be written
+                device.close()
         return
     path = Path(os.path.realpath(path))
     handle, part = tempfile.mkstemp(prefix=PART_PREFIX, suffix=PART_SUFFIX, dir=path.parent)

@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import plotly.graph_objects as go
@@ -34,6 +35,17 @@ CSS = (
     ".card span{font-size:14px;color:#333;display:block;margin-top:4px}\n"
     "@media(max-width:760px){.cards{grid-template-columns:repeat(2,1fr)}}"
 )
+
+
+@dataclass(frozen=True)
+class Link:
+    """A cell of a table that leads to another page: its text, and the file beside the page."""
+
+    text: str
+    file: str
+
+    def __str__(self) -> str:
+        return self.text
 
 
 @dataclass(frozen=True)
@@ -78,7 +90,7 @@ class Table:
             f"<th{m}>{html.escape(n)}</th>" for m, n in zip(marks, self.header, strict=True)
         )
         body = [
-            "".join(f"<td{m}>{html.escape(shown(c))}</td>" for m, c in zip(marks, row, strict=True))
+            "".join(f"<td{m}>{_cell_html(c)}</td>" for m, c in zip(marks, row, strict=True))
             for row in self.rows
         ]
         return f"<table><tr>{head}</tr>" + "".join(f"<tr>{row}</tr>" for row in body) + "</table>"
@@ -103,6 +115,11 @@ def table_from_dicts(
     """A table of dicts: `columns` are pairs (header, key); a missing key is an empty cell."""
     cells = [[row.get(key) for _, key in columns] for row in rows]
     return Table(name, title, [header for header, _ in columns], cells)
+
+
+def _cell_html(cell: Any) -> str:
+    text = html.escape(shown(cell))
+    return f"<a href='{quote(cell.file)}'>{text}</a>" if isinstance(cell, Link) else text
 
 
 def shown(cell: Any) -> str:

@@ -242,15 +242,25 @@ def _sections(data: Mapping[str, Any], source: str) -> dict[str, dict[str, Any]]
     return sections
 
 
+def _missing_section(section: str) -> str:
+    """A section that a rig lacks, with the keys that it needs."""
+    known = {name: key for name, key in SECTIONS.get(section, {}).items() if key.needed}
+    return f"the section [{section}] with {', '.join(known) or 'kind'}"
+
+
 def _check_missing(data: Mapping[str, Any], source: str) -> None:
     """VgrooveError that names all sections and keys that a rig lacks."""
-    missing = [f"the section [{s}]" for s in REQUIRED_SECTIONS if s not in data]
+    missing = [_missing_section(s) for s in REQUIRED_SECTIONS if s not in data]
     needed = {s: keys for s, keys in SECTIONS.items() if s in data}
     needed |= {s: KINDS[s][data[s]["kind"]] for s in KINDS if s in data}
     needed |= {f"effects.{e}": EFFECTS[e] for e in data.get("effects", {})}
     for where, keys in needed.items():
         given = data["effects"][where[8:]] if where.startswith("effects.") else data[where]
         missing += [f"{where}.{k}" for k, key in keys.items() if key.needed and k not in given]
+    given = data.get("input", {})
+    modelled = given.get("kind") == "duty" and given.get("bus", "modelled") == "modelled"
+    if modelled and "voltage_v" not in data.get("supply", {}):
+        missing.append("supply.voltage_v (needed with duty and a modelled bus)")
     if missing:
         verb = "is" if len(missing) == 1 else "are"
         raise VgrooveError(f"{source}: {', '.join(missing)} {verb} missing")

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tty
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,16 @@ import pytest
 from can.io import BLFReader
 from typer.testing import CliRunner
 
+from telemetry_board import ROOT
 from test_recorder import wait_for_part
 from test_run import VGROOVE
 from vgroove import telemetry
+from vgroove.board_checks import BoardChecks
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.gap.next_run.menu import profile_named
-from vgroove.log import Log, read_log
+from vgroove.log import Log, read_log, write_csv
+from vgroove.rig import read_rig
 
 LIMIT_S = 120
 STAGED_ROWS = 2  # between the state from which a command follows and the row in which it acts
@@ -115,7 +119,8 @@ def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(
         "next_experiment": {"profile": course.name, "why": "test", "points": course.points()},
     }
     (tmp_path / "v.json").write_text(json.dumps(asked))
-    board, host = start_both("avr", tmp_path, 6.5, "--next", str(tmp_path / "v.json"))
+    options = ["--next", str(tmp_path / "v.json"), "--rig", str(ROOT / "rigs/board_18v.toml")]
+    board, host = start_both("avr", tmp_path, 6.5, *options)
     _, stderr = host.communicate(timeout=LIMIT_S)
     assert host.returncode == 0, stderr
     assert (
@@ -254,6 +259,21 @@ def test_a_port_without_a_board_gives_a_message(tmp_path: Path) -> None:
 )
 def test_unusable_options_give_a_message(arguments: list[str], sentence: str) -> None:
     assert sentence in error_message(*arguments)
+
+
+def test_logs_are_checked_before_and_after_a_run(tmp_path: Path) -> None:
+    case = ROOT / "tests/data/practice/practice_001"
+    log, rig, wrong = read_log(case / "log.csv"), str(case / "rig.toml"), tmp_path / "wrong.csv"
+    write_csv(replace(log, columns={**log.columns, "current_a": 1e3 * log["current_a"]}), wrong)
+    board = ["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", str(tmp_path / "new.csv")]
+    assert "current_a:mA=current_a" in error_message(*board, "--rig", rig, "--log", str(wrong))
+    assert "add --rig" in error_message(*board, "--log", str(wrong))
+    good = error_message(*board, "--rig", rig, "--log", str(case / "log.csv"))
+    assert "the port cannot be opened" in good
+    checks = BoardChecks(read_rig(case / "rig.toml"))
+    assert checks.warnings_of(case / "log.csv") == []
+    with pytest.raises(VgrooveError, match="is recorded, but a diagnosis would refuse it"):
+        checks.warnings_of(wrong)
 
 
 def test_a_file_that_is_no_verdict_gives_a_message(tmp_path: Path) -> None:

@@ -67,10 +67,12 @@ def test_all_missing_keys_are_named_at_once() -> None:
     del data["motor"]["inertia_kg_m2"], data["motor"]["coulomb_nm"], data["gearbox"]
     del data["load"]["seat_nm"], data["mechanism"]["travel_rad"]
     data["effects"] = {"winding_heating": {"cooling_s": 10.0}}
+    del data["supply"]["voltage_v"]
     with pytest.raises(VgrooveError) as caught:
         rig_from_dict(data, "x.toml")
     for name in (
-        "the section [gearbox]",
+        "the section [gearbox] with ratio, output_inertia_kg_m2",
+        "supply.voltage_v",
         "motor.inertia_kg_m2",
         "motor.coulomb_nm",
         "load.seat_nm",

@@ -11,6 +11,8 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +98,14 @@ def test_quoted_cells_with_a_decimal_comma_are_numbers(tmp_path: Path, delimiter
     assert same(read_log(tmp_path / "a.csv"), sample())
 
 
+@pytest.mark.parametrize("cell", ['1"2"3', '"1""2"', '"1,2,3"', '""1'])
+def test_a_quote_within_a_cell_is_no_number(tmp_path: Path, cell: str) -> None:
+    lines = text_of(own(sample())).splitlines()
+    lines[4] = f"0.004,{cell},1,2"
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    refused(tmp_path / "a.csv", "line 5")
+
+
 def test_decimal_commas_between_commas_are_refused_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text_of(own(sample()), ",", ","))
     refused(tmp_path / "a.csv", "line 2", "decimal comma", "semicolons")
@@ -142,6 +152,82 @@ def test_a_line_of_units_below_the_names_is_read(tmp_path: Path, units: str) -> 
     (tmp_path / "a.csv").write_text("\n".join([lines[0], units, "", *lines[1:], ""]))
     names = [text.split("=")[0].split(":")[0] + "=" + text.split("=")[1] for text in FOREIGN]
     assert same(read_log(tmp_path / "a.csv", column_map(names)), sample(), 1e-9)
+
+
+def test_a_line_of_units_may_hold_1_for_plain_numbers(tmp_path: Path) -> None:
+    names, *rows = text_of(own(sample())).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([names, "s,1,A,1/min", *rows]) + "\n")
+    assert same(read_log(tmp_path / "a.csv"), sample())
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "head"),
+    [
+        (";", ["sep=;"]),
+        (",", ['"sep=,"']),
+        (",", ["// logger 5"]),
+        (",", ["Logger: XY12", "Serial;1234;", ""]),
+        (";", ["Device;XY", "Date;2026-03-31", "Rate;1000 Hz"]),
+    ],
+)
+def test_lines_before_the_names_are_left_out(
+    tmp_path: Path, delimiter: str, head: list[str]
+) -> None:
+    text = "\n".join(head) + "\n" + text_of(own(sample()), delimiter)
+    (tmp_path / "a.csv").write_text(text)
+    log = read_log(tmp_path / "a.csv")
+    count = sum(bool(line) for line in head)
+    assert same(log, sample())
+    assert [f"{count} lines before the names" in w for w in log.warnings] == (
+        [] if "sep=" in head[0] else [True]
+    )
+
+
+@pytest.mark.parametrize("kind", ["date", "date with zone", "time of day"])
+def test_dates_become_seconds_since_the_first(tmp_path: Path, kind: str) -> None:
+    start = datetime(2026, 3, 31, 12, 0, 0, tzinfo=UTC)
+    moments = [start + timedelta(seconds=float(t)) for t in sample().time_s]
+    if kind == "time of day":
+        stamps = [m.strftime("%H:%M:%S.%f") for m in moments]
+    else:
+        stamps = [m.isoformat(" " if kind == "date" else "T", "microseconds") for m in moments]
+    lines = text_of(own(sample())).splitlines()
+    rows = [s + "," + line.partition(",")[2] for s, line in zip(stamps, lines[1:], strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+    log = read_log(tmp_path / "a.csv")
+    assert np.allclose(log.time_s, sample().time_s - sample().time_s[0], atol=1e-6)
+    rows[5] = "31.03.2026 12:00:00," + rows[5].partition(",")[2]
+    (tmp_path / "a.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+    refused(tmp_path / "a.csv", "line 7, column time_s", "2026-03-31 12:00:00.001")
+
+
+def test_an_endless_cell_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time_s,duty,current_a\n" + "1" * 200_000 + "\n")
+    refused(tmp_path / "a.csv", "is not CSV")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "part"), [("utf-16", "UTF-16"), ("latin-1", "encoding UTF-8")]
+)
+def test_another_encoding_is_named(tmp_path: Path, encoding: str, part: str) -> None:
+    (tmp_path / "a.csv").write_bytes(("# M\u00fcller\n" + text_of(own(sample()))).encode(encoding))
+    refused(tmp_path / "a.csv", part, "save")
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        (lambda t: np.round(t, 2), "more digits"),
+        (lambda t: np.where(t > 0.04, t - 0.03, t), "a log of its own"),
+        (lambda t: np.where(t == 0.04, 0.039, t), "delete the rows"),
+    ],
+)
+def test_times_that_do_not_increase_have_a_mend(
+    tmp_path: Path, change: Callable, part: str
+) -> None:
+    columns = own(sample())
+    (tmp_path / "a.csv").write_text(text_of(columns | {"time_s": change(columns["time_s"])}))
+    refused(tmp_path / "a.csv", "time does not increase", part)
 
 
 def test_units_in_the_names_are_read_and_an_option_replaces_them(tmp_path: Path) -> None:
@@ -228,6 +314,7 @@ def test_a_name_with_a_colon_ends_in_one(tmp_path: Path) -> None:
 def test_a_missing_column_is_reported_with_the_nearest_names(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text_of(foreign(sample())))
     refused(tmp_path / "a.csv", "time_s is missing", "Time: if", '--map "Time:UNIT=time_s"')
+    refused(tmp_path / "a.csv", '--map "I_motor:UNIT=current_a" --map "n:UNIT=speed_rpm"')
     refused(
         tmp_path / "a.csv",
         "one input of duty",
@@ -448,6 +535,21 @@ def test_a_table_of_python_is_a_log(kind: str) -> None:
     assert same(as_log(TABLES[kind](own(log))), log)
     assert same(as_log(TABLES[kind](foreign(log)), column_map(FOREIGN)), log, 1e-9)
     assert len(as_list(TABLES[kind](own(log)))) == 1
+
+
+def test_dates_with_a_time_zone_decimals_and_numbers_as_names_are_read() -> None:
+    log = sample()
+    start = pd.Timestamp("2026-03-31 12:00", tz="Europe/Berlin")
+    frame = pd.DataFrame(own(log))
+    frame["time_s"] = start + pd.to_timedelta(log.time_s, unit="s")
+    frame["current_a"] = [Decimal(repr(value)) for value in log["current_a"].tolist()]
+    later = replace(log, time_s=log.time_s - log.time_s[0])
+    read = as_log(frame)
+    assert np.allclose(read.time_s, later.time_s, atol=1e-6)
+    assert np.array_equal(read["current_a"], log["current_a"])
+    numbered = pd.DataFrame(np.stack(list(own(log).values()), 1))
+    names = [f"{k}={name}" for k, name in enumerate(own(log))]
+    assert same(as_log(numbered, column_map(names)), log)
 
 
 def test_a_table_that_is_no_log_is_refused() -> None:

@@ -18,8 +18,10 @@ from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
+from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN
 from vgroove.gap.log_check.plausible import TIME_UNITS
+from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, read_log, write_csv
 from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig, read_rig
@@ -84,6 +86,13 @@ UNITS = [
     ("current_a", 1e3, "current_a:mA=current_a"),
     ("current_a", -1.0, "current_a:-A=current_a"),
     ("current_a", -1e3, "current_a:-mA=current_a"),
+    ("current_a", 1e-3, "current_a:kA=current_a"),
+    ("speed_rpm", 1e-3, "speed_rpm:krpm=speed_rpm"),
+    ("speed_rpm", 4.0 / 60.0, "speed_rpm:15 rpm=speed_rpm"),  # edges a second
+    ("speed_rpm", np.pi / 30.0 / 9.0, "speed_rpm:85.94367 rpm=speed_rpm"),  # rad/s of the output
+    ("duty", 100.0, "duty:%=duty"),
+    ("duty", 255.0, "duty:0.003921569=duty"),
+    ("duty", 32_767.0, "duty:3.051851e-05=duty"),
     ("supply_v", 1e3, "supply_v:mV=supply_v"),
     ("speed_rpm", np.pi / 30.0, "speed_rpm:rad/s=speed_rpm"),
     ("speed_rpm", 1.0 / 60.0, "speed_rpm:rev/s=speed_rpm"),
@@ -106,6 +115,89 @@ def test_a_wrong_unit_or_sign_is_named_with_its_mend(column: str, factor: float,
         checked_logs([scaled(log, column, factor)], tool)
     assert mend in str(caught.value) and "--as-is" in str(caught.value)
     assert checked_logs([scaled(log, column, factor)], tool, as_is=True)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "mend"),
+    [
+        ("current_a", 1e3, "current_a:mA=current_a"),
+        ("current_a", -1e3, "current_a:-mA=current_a"),
+        ("current_a", -1.0, "current_a:-A=current_a"),
+        ("position_rad", 180.0 / np.pi, "position_rad:deg=position_rad"),
+        ("position_rad", 0.5 / np.pi, "position_rad:rev=position_rad"),
+        ("position_rad", 1e3, "position_rad:mrad=position_rad"),
+        ("position_rad", -1.0, "position_rad:-rad=position_rad"),
+    ],
+)
+def test_a_wrong_unit_is_named_where_a_current_drives(
+    column: str, factor: float, mend: str
+) -> None:
+    folder = ROOT / "tests/data/emps"
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    found = [f.text for f in check_log(scaled(log, column, factor), tool).findings if f.refuses]
+    assert len(found) == 1 and mend in found[0], found
+
+
+def test_the_acceleration_per_current_allows_for_friction_noise_and_load() -> None:
+    tool = replace(rig(), input={"kind": "current_a"}, load={"kind": "torque"})
+    rng, time_s = np.random.default_rng(3), np.arange(4000) / 1000.0
+    current = 6.0 * np.sign(np.sin(9.0 * time_s)) + 2.0 * np.sin(31.0 * time_s)
+    load, speed = 0.15 * np.sign(np.sin(9.0 * time_s)), np.zeros(4000)
+    motor, inertia = tool.motor, tool.shaft_inertia_kg_m2
+    for k in range(1, 4000):
+        torque = motor["torque_constant_nm_per_a"] * current[k] - load[k] / tool.gearbox["ratio"]
+        torque -= 0.02 * np.tanh(speed[k - 1] / 5.0) + 5e-5 * speed[k - 1]
+        speed[k] = speed[k - 1] + torque / inertia * 1e-3
+    columns = {
+        "current_a": current + rng.normal(0.0, 0.1, 4000),
+        "speed_rpm": (speed + rng.normal(0.0, 1.0, 4000)) * 30.0 / np.pi,
+        "load_nm": load,
+    }
+    factors = acceleration_factors(Log(time_s, columns, "made"), tool)
+    assert factors["speed_rpm"] == pytest.approx(1.0, abs=0.03)
+    noise = {**columns, "speed_rpm": rng.normal(0.0, 100.0, 4000)}
+    assert acceleration_factors(Log(time_s, noise, "noise"), tool) == {}
+
+
+def with_angle(log: Log, turn: float) -> Log:
+    """The log with a position in units of which `turn` are one turn of the motor."""
+    angle = np.cumsum(log["speed_rpm"]) / 60.0 * np.median(np.diff(log.time_s)) * turn
+    return replace(log, columns={**log.columns, "position_rad": angle}, warnings=[])
+
+
+@pytest.mark.parametrize(
+    ("turn", "mend"),
+    [
+        (360.0, '"position_rad:deg='),
+        (1.0, '"position_rad:rev='),
+        (2.0 * np.pi / 9.0, "gearbox.ratio 9"),
+        (64.0, "counts of an encoder, 63."),
+        (4096.0, "counts of an encoder, 40"),  # the shaft is 0.5 % slower than the rig's
+        (-2000.0, "counts of an encoder, 19"),
+    ],
+)
+def test_a_position_in_another_unit_is_named(turn: float, mend: str) -> None:
+    log, tool = practice()
+    assert not check_log(with_angle(log, 2.0 * np.pi), tool).refused
+    found = [f.text for f in check_log(with_angle(log, turn), tool).findings if f.refuses]
+    assert len(found) == 1 and mend in found[0], found
+
+
+@pytest.mark.parametrize("turn", [2.0 * np.pi, 360.0])
+def test_an_angle_within_one_turn_is_refused(turn: float) -> None:
+    log, tool = practice()
+    turning = with_angle(log, turn)
+    wrapped = {**turning.columns, "position_rad": turning["position_rad"] % turn}
+    found = check_log(replace(turning, columns=wrapped), tool)
+    assert found.refused and "within one turn" in found.findings[0].text, found.findings
+
+
+def test_a_column_without_a_value_compares_no_sample() -> None:
+    log, tool = practice()
+    empty = replace(log, columns={**log.columns, "current_a": np.full(len(log), np.nan)})
+    with pytest.raises(VgrooveError, match="column current_a: holds no value"):
+        checked_logs([empty], tool)
+    assert not check_log(empty).refused
 
 
 def test_each_unit_that_a_message_names_is_one_that_the_map_reads() -> None:
@@ -175,6 +267,44 @@ def test_a_column_without_a_compared_sample_is_refused() -> None:
 
     with pytest.raises(VgrooveError, match="no sample of speed_rpm"):
         refuse_uncompared(Problem())
+
+
+def with_rows_as_instants(log: Log, kind: str = "duty") -> Log:
+    """The log with each command in the row from which on it acts."""
+    command = log.columns[kind]
+    later = np.append(command[1:], command[-1])
+    return replace(log, columns={**log.columns, kind: later}, warnings=[])
+
+
+@pytest.mark.parametrize("number", ["001", "004", "006", "009", "010", "011"])
+def test_the_convention_of_the_rows_is_that_of_the_response(number: str) -> None:
+    folder = PRACTICE.parent / f"practice_{number}"
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    check = check_log(log, tool)
+    assert check.facts.command_rows == "interval" and not check.findings, check
+    check = check_log(with_rows_as_instants(log), tool)
+    assert check.facts.command_rows == "instant", check.facts
+    assert 'hold = "after"' in check.findings[0].text
+    stated = replace(tool, input={**tool.input, "hold": "after"})
+    assert not check_log(with_rows_as_instants(log), stated).findings
+
+
+def test_a_longer_delay_of_the_tool_is_no_convention() -> None:
+    folder = PRACTICE.parent / "practice_003"  # 4.2 rows
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    assert check_log(log, tool).facts.command_rows == "unknown"
+
+
+def test_a_log_that_does_not_show_the_convention_leaves_it_open() -> None:
+    log, tool = practice()
+    steady = replace(log, columns={**log.columns, "duty": np.full(len(log), 0.5)}, warnings=[])
+    assert check_log(steady, tool).facts.command_rows == "unknown"
+    noise = np.random.default_rng(1).normal(0.0, 20.0, len(log))
+    noisy = replace(log, columns={**log.columns, "current_a": noise}, warnings=[])
+    assert check_log(noisy, tool).facts.command_rows == "unknown"
+    assert Shift("current_a", 0.2, 0.09, 1.0).side == "interval"
+    assert Shift("current_a", 0.2, 0.11, 1.0).side == ""
+    assert Shift("current_a", 0.2, 0.01, 0.1).side == ""
 
 
 def test_the_command_prints_facts_and_writes_them(tmp_path: Path) -> None:

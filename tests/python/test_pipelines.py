@@ -3,6 +3,7 @@ several files all or none, progress, version, completion.
 """
 
 import gc
+import itertools
 import json
 import os
 import resource
@@ -19,12 +20,15 @@ from asammdf import MDF, Signal
 
 from test_recording_ends import on_terminal
 from vgroove.errors import VgrooveError
+from vgroove.gap import DiagnosisOptions
+from vgroove.gap import diagnose as diagnose_logs
 from vgroove.gap.cases import read_cases
 from vgroove.gap.catalogue import CATALOGUE
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.stage_shares import SHARES, StageShare
 from vgroove.log import Log, read_log, write_csv
 from vgroove.output import write_all
+from vgroove.report import SCRIPT_NAME
 from vgroove.rig import read_rig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -157,6 +161,17 @@ def test_json_on_standard_output_is_alone_there(command: list[str]) -> None:
     assert json.loads(done.stdout)["schema"].startswith("vgroove.")
 
 
+@pytest.mark.parametrize("more", [[], ["--json", "-"], ["--json", "/dev/full"]])
+def test_a_full_device_is_a_sentence(more: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [*VGROOVE, "effects", *more]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2 and "No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+    with pytest.raises(VgrooveError, match="/dev/full: cannot be written: No space left"):
+        write_all([(Path("/dev/full"), "text")])
+
+
 def test_standard_output_takes_one_file() -> None:
     done = vgroove("sim", ROOT / "rigs/impact_driver.toml", "--json", "-", "-o", "-")
     assert done.returncode == 2 and "standard output takes one of the files" in done.stderr
@@ -168,6 +183,7 @@ def test_a_batch_goes_on_after_a_case_that_fails(tool: Path, tmp_path: Path) -> 
     text = "".join(case.format(n, tool / log, tool / "rig.toml", WITHOUT) for n, log in names)
     (tmp_path / "cases.toml").write_text(text)
     files = ["--json", tmp_path / "b.json", "--junit", tmp_path / "b.xml", "--fail-above", 0.01]
+    files += ["--html", tmp_path / "pages"]
     done = vgroove("gap", "batch", tmp_path / "cases.toml", *files)
     assert done.returncode == 2, done.stderr
     found = json.loads((tmp_path / "b.json").read_text())
@@ -179,6 +195,11 @@ def test_a_batch_goes_on_after_a_case_that_fails(tool: Path, tmp_path: Path) -> 
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "2", "1")
     assert [test.get("name") for test in suite] == ["first", "lost", "last"]
     assert "lost" in done.stdout and "none.csv" in done.stdout and "Traceback" not in done.stderr
+    pages = {path.name: path.read_text() for path in (tmp_path / "pages").iterdir()}
+    assert set(pages) == {"001_first.html", "003_last.html", "index.html", SCRIPT_NAME}
+    assert "<a href='001_first.html'>first</a>" in pages["index.html"]
+    assert "002_" not in pages["index.html"] and "none.csv" in pages["index.html"]
+    assert f"src='{SCRIPT_NAME}'" in pages["001_first.html"] and len(pages["001_first.html"]) < 2e6
 
 
 def test_a_folder_is_a_case_and_a_folder_of_folders_is_several(tmp_path: Path) -> None:
@@ -236,6 +257,22 @@ def test_the_share_of_a_diagnosis_grows() -> None:
     stages = [*list(SHARES)[:5], "a further effect beside a, b", *list(SHARES)[5:], "rivals"]
     shares = [share.at(stage) for stage in stages]
     assert shares == sorted(shares) and shares[0] == 0.0 and 0.9 < shares[-1] < 1.0
+
+
+def test_a_stage_reports_each_batch_of_its_simulations(tool: Path) -> None:
+    texts: list[str] = []
+    options = DiagnosisOptions(without=WITHOUT, progress=texts.append)
+    diagnose_logs(tool / "log.csv", read_rig(tool / "rig.toml"), options)
+    assert texts.count("each effect alone") >= 5, texts
+
+
+def test_a_stage_that_goes_on_approaches_the_next_one() -> None:
+    share = StageShare()
+    shares = [share.at("each effect alone") for _ in range(60)]
+    assert all(a < b for a, b in itertools.pairwise(shares)) and 0.5 < shares[-1] < 0.55
+    assert share.at("a further effect beside a") == 0.55
+    shares = [share.at("a further effect beside a") for _ in range(60)]
+    assert all(a < b for a, b in itertools.pairwise(shares)) and shares[-1] < 0.71
 
 
 def test_the_length_of_a_simulated_run_can_be_chosen(tmp_path: Path) -> None:

@@ -47,23 +47,33 @@ def batch_command(
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write all verdicts as JSON.")
     ] = None,
+    html_path: Annotated[
+        Path | None,
+        typer.Option(
+            "--html", metavar="DIR", help="Write a page for each case, and one that leads to them."
+        ),
+    ] = None,
     junit_path: JunitPath = None,
     fail_above: FailAbove = None,
 ) -> None:
     """Diagnose several logs and rigs, one after the other, with one summary. Exit code 2 where a
     case has no verdict, else 3 where one is above --fail-above.
     """
+    from vgroove.gap.batch_pages import SUMMARY, batch_pages, prepare_folder
     from vgroove.gap.cases import batch_json, batch_table, junit_text, read_cases
     from vgroove.output import check_outputs, json_text, write_all
     from vgroove.terminal import table_console
 
     cases = read_cases(paths)
     inputs = [path for case in cases for path in (*case.logs, case.rig)]
-    check_outputs((json_path, junit_path), dict.fromkeys(inputs))
+    prepare_folder(html_path)
+    summary = html_path and html_path / SUMMARY
+    check_outputs((json_path, junit_path, summary), dict.fromkeys(inputs))
     results = _with_progress(cases)
     table_console(json_path, junit_path).print(batch_table(results, fail_above).as_rich())
     files = [(json_path, json_text(batch_json(results, fail_above)))] if json_path else []
     files += [(junit_path, junit_text(results, fail_above))] if junit_path else []
+    files += batch_pages(results, fail_above, html_path) if html_path else []
     write_all(files)
     raise typer.Exit(_exit_code(results, fail_above))
 

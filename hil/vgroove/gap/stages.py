@@ -3,7 +3,7 @@ parameter values, next run, verdict.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from vgroove.errors import VgrooveError
@@ -23,6 +23,7 @@ from vgroove.gap.selection.log_content import effect_scales, log_flags
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search import Selection, select
 from vgroove.gap.selection.search_state import Search
+from vgroove.gap.stage_shares import RepeatedProgress
 from vgroove.gap.verdict import decision
 from vgroove.gap.verdict.covariates import Covariates, covariates_of
 from vgroove.gap.verdict.decision import Finding
@@ -110,8 +111,10 @@ def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
     """A search over the effects of the catalogue that the columns and motion of the logs allow, in
     the comparison that leaves the sharper values.
     """
-    rig = problem.rig
+    rig, progress = problem.rig, RepeatedProgress(options.progress)
+    options = replace(options, progress=progress)
     engine = Engine(problem, effect_scales(problem), rig.tolerance, frozenset(rig.effects))
+    engine.on_work = progress.repeat
     effects = available(log_flags(problem), frozenset(options.without))
     return begin_in_better_comparison(engine, effects, options)
 

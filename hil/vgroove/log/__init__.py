@@ -79,7 +79,10 @@ def read_log(path: str | os.PathLike[str], columns: ColumnMap = NO_MAP) -> Log:
     ending = _ending(path)
     if ending is None:
         *most, last = READERS
-        raise VgrooveError(f"{path}: a log ends in {', '.join(most)} or {last}.")
+        raise VgrooveError(
+            f"{path}: a log ends in {', '.join(most)} or {last}: export it as one of them (a text "
+            "with separated columns is .csv)."
+        )
     try:
         _check_ending(path, ending)
         return READERS[ending](path, columns)
@@ -108,6 +111,8 @@ def _wrong_kind(ending: str, head: bytes) -> str:
             return f"it is a {kind[1:].upper()} file"
         if kind == ending and not head.startswith(magic):
             return "its first bytes are not those of one"
+    if ending in (".csv", ".asc") and head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "it is UTF-16, which is read as binary data: save it in the encoding UTF-8"
     if ending in (".csv", ".asc") and b"\0" in head:
         return "it holds binary data (text must be UTF-8)"
     if ending == ".csv" and re.match(rb"date \w+ \w+ ", head):

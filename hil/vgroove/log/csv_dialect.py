@@ -1,4 +1,4 @@
-"""How a CSV file is written: separator, comment lines, header, index columns."""
+"""How a CSV file is written: separator, lines before the header, header, index columns."""
 
 import csv
 import re
@@ -6,17 +6,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
 
+from vgroove.log.dates import seconds_of_date
 from vgroove.log.units_of_columns import is_unit
 
 DELIMITERS = "\t;,"  # in the order in which they are tried; a comma may be a decimal sign
 COMMENTS = ("#", "%")
 HEAD_LINES = 1000  # within which the header is looked for
+SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # with which Excel states the separator
+NO_UNIT_CELLS = ("", "1", "-", "%")  # that a line of units may hold for plain numbers
 
 
 @dataclass(frozen=True)
 class Dialect:
     """Separator of the cells, names of the columns, the line that holds them, the number of lines
-    before the first row, and the units that a line below the names states (empty: no such line).
+    before the first row, the units that a line below the names states (empty: no such line), and
+    the number of lines before the names that are no comments (the head that a logger writes).
     """
 
     delimiter: str
@@ -24,6 +28,7 @@ class Dialect:
     header_line: int
     skipped: int
     units: tuple[str, ...] = ()
+    head_lines: int = 0
 
 
 def is_comment(line: str) -> bool:
@@ -52,8 +57,12 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
     numbered = list(islice(enumerate(lines, 1), HEAD_LINES))
     filled = [(n, line) for n, line in numbered if line.strip()]
     plain = [(n, line) for n, line in filled if not is_comment(line)]
+    if plain and SEPARATOR_LINE.fullmatch(plain[0][1].strip()):
+        plain = plain[1:]
     if not plain:
         return None
+    head = _head_lines([line for _, line in plain])
+    plain = plain[head:]
     (number, line), after = plain[0], [text for _, text in plain[1:3]]
     delimiter = _delimiter(line, after)
     header = _cells(line, delimiter)
@@ -65,7 +74,34 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
     units, skipped = _units(rows[0], len(header)) if rows else (), number
     if units:
         rows, skipped = rows[1:], plain[1][0]
-    return Dialect(delimiter, _with_index(header, rows), number, skipped, units)
+    return Dialect(delimiter, _with_index(header, rows), number, skipped, units, head)
+
+
+def _head_lines(lines: list[str]) -> int:
+    """Number of lines before the names of the columns: the names are the first line of names alone
+    above a line of numbers or dates. 0 where the first line has as many cells, or no line is such.
+    """
+    found = next((n for n in range(len(lines) - 1) if _is_header(lines[n], lines[n + 1 :])), 0)
+    return found if _count(lines[found]) != _count(lines[0]) else 0
+
+
+def _count(line: str) -> int:
+    return len(_cells(line, _delimiter(line, [])))
+
+
+def _is_header(line: str, after: list[str]) -> bool:
+    """Whether a line holds two names or more, above as many samples, directly or after units."""
+    delimiter = _delimiter(line, after[:1])
+    names = _cells(line, delimiter)
+    if len(names) < 2 or any(map(is_number, names)) or not all(names):
+        return False
+    rows = [_cells(text, delimiter) for text in after[:2]]
+    row = rows[-1] if _units(rows[0], len(names)) else rows[0]
+    return len(row) == len(names) and all(map(_is_sample, row))
+
+
+def _is_sample(cell: str) -> bool:
+    return not cell or is_number(cell) or seconds_of_date(cell) is not None
 
 
 def _cells(line: str, delimiter: str) -> tuple[str, ...]:
@@ -84,9 +120,12 @@ def _delimiter(header: str, rows: list[str]) -> str:
 
 
 def _units(row: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """The units of a row without any number, as (ms), [V] or A; empty for a row of samples."""
+    """The units of a row, as (ms), [V] or A, with 1 for plain numbers; empty for a row of
+    samples.
+    """
     bare = tuple(cell.strip("()[] ") for cell in row)
-    if len(row) != count or any(map(is_number, row)) or not any(map(is_unit, bare)):
+    others = [cell for cell in bare if cell not in NO_UNIT_CELLS]
+    if len(row) != count or any(map(is_number, others)) or not any(map(is_unit, others)):
         return ()
     return bare
 

@@ -6,6 +6,7 @@ import codecs
 import csv
 import gzip
 import os
+import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import numpy as np
 from vgroove.errors import VgrooveError
 from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names
 from vgroove.log.csv_dialect import Dialect, detect_dialect, is_comment, is_number, with_point
+from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of
 from vgroove.log.table import Log, check_columns, checked
 from vgroove.output import write_bytes
@@ -50,17 +52,15 @@ def _text(path: Path) -> TextIOWrapper:
 
 def _read(path: Path, columns: ColumnMap) -> Log:
     most = _count_lines(path)
-    with _text(path) as file:
-        dialect = detect_dialect(file)
-    if dialect is None:
-        raise VgrooveError(f"{path}: line 1: no header: the file is empty.")
+    dialect = _dialect(path)
     places, warnings = _check_header(path, dialect, columns)
     known = [dialect.header.index(place.name) for place in places.values()]
     # one array for all rows: joining the chunks at the end would take the memory twice
     lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
     with _text(path) as file:
         whole = _WholeLines(file)
-        for chunk in _Rows(path, whole, dialect).chunks(known):
+        rows = _Rows(path, whole, dialect, places["time_s"].name)
+        for chunk in rows.chunks(known):
             part = slice(count, count := count + len(chunk.lines))
             lines[part], table[:, part] = chunk.lines, chunk.values
     if whole.cut_line:
@@ -71,11 +71,27 @@ def _read(path: Path, columns: ColumnMap) -> Log:
     found = {}
     for n, (column, place) in enumerate(places.items()):
         unit = dialect.units[known[n]] if dialect.units else ""
+        values = table[n, :count]
+        if column == "time_s" and rows.dates:
+            found[column] = values - values[0]
+            continue
         factor = factor_of(place, column, unit, warnings, str(path))
-        found[column] = table[n, :count] * factor if factor != 1.0 else table[n, :count]
+        found[column] = values * factor if factor != 1.0 else values
     time_s = found.pop("time_s")
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
     return checked(log, lines[:count])
+
+
+def _dialect(path: Path) -> Dialect:
+    """How the file is written; VgrooveError where it is empty or no CSV."""
+    try:
+        with _text(path) as file:
+            dialect = detect_dialect(file)
+    except csv.Error as error:
+        raise VgrooveError(f"{path}: the head of the file is not CSV: {error}.") from error
+    if dialect is None:
+        raise VgrooveError(f"{path}: line 1: no header: the file is empty.")
+    return dialect
 
 
 def _count_lines(path: Path) -> int:
@@ -90,7 +106,7 @@ def _count_lines(path: Path) -> int:
                 at = done - len(pending) + error.start
                 raise VgrooveError(
                     f"{path}: its content does not match its ending .csv: byte {at} is not UTF-8 "
-                    "text."
+                    "text: save the file in the encoding UTF-8 (Excel: CSV UTF-8)."
                 ) from error
             if not block:
                 return ends + 1
@@ -122,9 +138,12 @@ class _Chunk:
 
 
 class _Rows:
-    """The rows of an open file (newline="") of a dialect, read in chunks of CHUNK_LINES lines."""
+    """The rows of an open file (newline="") of a dialect, read in chunks of CHUNK_LINES lines.
+    dates: whether the column `time_name` holds dates, which become seconds.
+    """
 
-    def __init__(self, path: Path, file: Iterable[str], dialect: Dialect) -> None:
+    def __init__(self, path: Path, file: Iterable[str], dialect: Dialect, time_name: str) -> None:
+        self.dates, self._time_name = False, time_name
         self._path, self._file, self._line = path, iter(file), dialect.skipped
         self.header, self._delimiter = dialect.header, dialect.delimiter
         for _ in range(dialect.skipped):
@@ -136,12 +155,17 @@ class _Rows:
             yield self._fast(lines, known) or self._careful(lines, known)
 
     def _fast(self, lines: list[str], known: Sequence[int]) -> _Chunk | None:
-        """The rows of these lines by the reader of numpy; None where one is blank, holds a quote,
-        another number of cells, or a cell that is no finite number.
+        """The rows of these lines by the reader of numpy; None where one is blank, holds a quote
+        that is open or within a cell, another number of cells, or a cell that is no finite number.
         """
         delimiter, text = self._delimiter, "".join(lines)
-        if '"' in text or "_" in text:
+        if "_" in text:
             return None
+        if '"' in text:  # a quoted separator makes the number of cells another one
+            inner = rf'[^{delimiter}\r\n]"[^{delimiter}\r\n]'
+            if re.search(inner, text) or any(line.count('"') % 2 for line in lines):
+                return None
+            lines = [line.replace('"', "") for line in lines]
         if set(map(str.count, lines, repeat(delimiter))) != {len(self.header) - 1}:
             return None
         if delimiter != "," and "," in text:
@@ -166,8 +190,16 @@ class _Rows:
             rows.append(row)
         cells = list(zip(*rows, strict=True)) or [()] * len(self.header)
         reader = _CellReader(self._path, numbers)
-        values = np.array([reader.numbers(self.header[k], cells[k]) for k in known])
+        values = np.array([self._values(reader, k, cells[k]) for k in known])
         return _Chunk(np.array(numbers, int), values)
+
+    def _values(self, reader: "_CellReader", k: int, cells: Sequence[str]) -> np.ndarray:
+        """Column k of the file as numbers (m,)."""
+        name = self.header[k]
+        if name == self._time_name and cells and LOOKS_LIKE_DATE.match(cells[0].strip()):
+            self.dates = True
+            return reader.dates(name, cells)
+        return reader.numbers(name, cells)
 
     def _wrong_count(self, line: int, row: list[str]) -> str:
         """The message for a row with another number of cells than the header."""
@@ -221,12 +253,16 @@ def _check_header(
     unknown = [name for name in header if name not in used]
     if len(header) == 1:
         raise VgrooveError(
-            f"{where}: one column only: columns are separated by commas, semicolons or tabs."
+            f"{where}: one column only: columns are separated by commas, semicolons or tabs: write "
+            "the file with one of them."
         )
     check_columns(where, places, unknown)
-    return places, [
+    warnings = [
         f"{where}: the unknown column {name or '(no name)'} is ignored." for name in unknown
     ]
+    if dialect.head_lines:
+        warnings.append(f"{where}: {dialect.head_lines} lines before the names are left out.")
+    return places, warnings
 
 
 class _CellReader:
@@ -253,12 +289,25 @@ class _CellReader:
             raise VgrooveError(f"{place}: {cells[at].strip()} is infinite.")
         return values
 
+    def dates(self, name: str, cells: Sequence[str]) -> np.ndarray:
+        """Dates of a column as seconds (n,); VgrooveError for the first cell that is none."""
+        seconds = [seconds_of_date(cell) for cell in cells]
+        if None in seconds:
+            at = seconds.index(None)
+            raise VgrooveError(
+                f"{self._path}: line {self._lines[at]}, column {name}: {cells[at]!r} is not a "
+                "number or a date: write seconds, or dates as 2026-03-31 12:00:00.001."
+            )
+        return np.array(seconds, float)
+
     def _number(self, name: str, line: int, cell: str) -> float:
         if not cell.strip():
             return float("nan")
         if "_" in cell or not is_number(cell):
             place = f"{self._path}: line {line}, column {name}"
-            raise VgrooveError(f"{place}: {cell!r} is not a number.")
+            raise VgrooveError(
+                f"{place}: {cell!r} is not a number (a missing sample is an empty cell or NaN)."
+            )
         return float(with_point(cell))
 
 

@@ -7,15 +7,16 @@ from collections.abc import Iterable
 # words that people name a quantity by, besides the column's own name
 WORDS = {
     "time_s": ("time", "t", "timestamp", "seconds", "zeit"),
-    "duty": ("duty", "pwm", "dutycycle", "throttle"),
+    "duty": ("duty", "pwm", "dutycycle", "throttle", "tastgrad"),
     "voltage_v": ("voltage", "u", "v", "u_motor", "motor voltage", "spannung"),
     "supply_v": ("supply", "bus", "battery", "u_bat", "vbus"),
     "current_a": ("current", "i", "i_motor", "motor current", "strom"),
     "speed_rpm": ("speed", "rpm", "omega", "n", "motor speed", "drehzahl"),
-    "position_rad": ("position", "angle", "theta", "encoder"),
+    "position_rad": ("position", "angle", "theta", "encoder", "winkel"),
     "load_nm": ("load", "torque", "moment"),
 }
 MIN_LIKENESS = 0.6  # of difflib's ratio, for a name to be shown
+MIN_PROPOSED = 0.75  # the same, for a name that is proposed beside the missing column
 SHOWN = 8  # names that are listed where none is near
 
 
@@ -35,17 +36,43 @@ def _likeness(column: str, name: str) -> float:
     return max(difflib.SequenceMatcher(None, plain, word).ratio() for word in words)
 
 
-def hint(columns: Iterable[str], names: Iterable[str]) -> str:
-    """A sentence on the columns of a file that may be those which are missing."""
+def hint(columns: Iterable[str], names: Iterable[str], found: Iterable[str] = ()) -> str:
+    """A sentence on the columns of a file that may be those which are missing, and the options that
+    read all columns of the file whose names are near to one of a log that is not among `found`.
+    """
     names = [name for name in names if name]
     for column in columns:
         near = nearest_columns(column, names)
         if near:
+            options = proposed_options(column, near[0], names, found)
             return (
                 f" The nearest columns of the file are {', '.join(near)}: if it is one of them, "
-                f'say --map "{near[0]}:UNIT={column}".'
+                f"say {' '.join(options)}."
             )
     if not names:
         return ""
     listed = ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
     return f' The columns of the file are {listed}: name them by --map "NAME:UNIT=COLUMN".'
+
+
+def proposed_options(
+    column: str, name: str, names: list[str], found: Iterable[str] = ()
+) -> list[str]:
+    """The options --map that read `name` as a missing column, then each further name as the log
+    column, none of `found`, that it is most like; UNIT stands where the name states none.
+    """
+    chosen, open_columns = {column: name}, set(WORDS) - set(found)
+    pairs = ((_likeness(c, n), c, n) for c in sorted(open_columns) for n in names)
+    for likeness, other, near in sorted(pairs, key=lambda pair: -pair[0]):
+        if likeness >= MIN_PROPOSED and other not in chosen and near not in chosen.values():
+            chosen[other] = near
+    return [f'--map "{_written(name)}={column}"' for column, name in chosen.items()]
+
+
+def _written(name: str) -> str:
+    """NAME:UNIT of an option, or NAME where the name states its unit."""
+    from vgroove.log.units_of_columns import unit_in_name
+
+    if unit_in_name(name):
+        return f"{name}:" if ":" in name else name
+    return f"{name}:UNIT"

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,12 @@ def numbers(values: Any, where: str) -> np.ndarray:
     if array.dtype.kind in "mM":
         start = array[:1] if array.dtype.kind == "M" else 0
         return (array - start) / np.timedelta64(1, "s")
-    if array.dtype.kind == "O":
+    if array.dtype.kind == "O" and array.size and hasattr(array.ravel()[0], "timestamp"):
+        start = array.ravel()[0].timestamp()  # dates with a time zone
+        return np.array([moment.timestamp() - start for moment in array.ravel()])
+    if array.dtype.kind == "O" and all(isinstance(v, Decimal | None) for v in array.ravel()):
+        array = array.astype(float)
+    elif array.dtype.kind == "O":
         array = np.array([np.nan if v is None else v for v in array.ravel()])
     if array.dtype.kind not in "biuf" or array.ndim != 1:
         raise VgrooveError(f"{where}: its samples are not numbers.")

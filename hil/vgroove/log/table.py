@@ -38,6 +38,7 @@ COLUMN_LABELS = telemetry.COLUMN_LABELS | {
     name: text for name, (_, text) in TEST_BENCH_COLUMNS.items()
 }
 MIN_USABLE_SAMPLES = 50  # docs/spec/gap.md, section 1
+MIN_ROUNDED_SHARE = 0.05  # of equal successive times, which then are rounded and not rows twice
 MAX_DUTY = 1.0 + 1e-6  # a larger magnitude is reported; 1e-6 is the rounding of a text file
 
 
@@ -94,17 +95,17 @@ def check_columns(source: str, found: Iterable[str], others: Iterable[str] = ())
 
     found = set(found)
     if "time_s" not in found:
-        missing = hint(("time_s",), others)
+        missing = hint(("time_s",), others, found)
         raise VgrooveError(f"{source}: the required column time_s is missing.{missing}")
     if not found & set(INPUTS):
         raise VgrooveError(
             f"{source}: a required column is missing: one input of {', '.join(INPUTS)}."
-            f"{hint(INPUTS, others)}"
+            f"{hint(INPUTS, others, found)}"
         )
     if not any(found & (set(MEASURED) - {given}) for given in found & set(INPUTS)):
         raise VgrooveError(
             f"{source}: a required column is missing: a measured signal besides the input, "
-            f"such as speed_rpm.{hint(('speed_rpm', 'current_a', *MEASURED), others)}"
+            f"such as speed_rpm.{hint(('speed_rpm', 'current_a', *MEASURED), others, found)}"
         )
 
 
@@ -127,7 +128,8 @@ def checked(log: Log, lines: np.ndarray | None = None) -> Log:
         at = int(np.argmax(not_later)) + 1
         values = f"{log.time_s[at]:.10g} s after {log.time_s[at - 1]:.10g} s"
         raise VgrooveError(
-            f"{log.source}: {place(at)}, column time_s: time does not increase ({values})."
+            f"{log.source}: {place(at)}, column time_s: time does not increase ({values}): "
+            f"{_time_mend(log.time_s)}."
         )
     for name, values in log.columns.items():
         if np.isinf(values).any():
@@ -140,6 +142,20 @@ def checked(log: Log, lines: np.ndarray | None = None) -> Log:
         )
     log.warnings += _warnings(log)
     return log
+
+
+def _time_mend(time_s: np.ndarray) -> str:
+    """What to do with times (n,) that do not increase."""
+    steps = np.diff(time_s)
+    if np.mean(steps == 0.0) > MIN_ROUNDED_SHARE:
+        return "many rows have the time of the row before: write it with more digits"
+    if (steps < 0.0).any():
+        back = int(np.count_nonzero(steps < 0.0))
+        return (
+            f"it goes back {back} times: give each recording as a log of its own, in the order of "
+            "time"
+        )
+    return "delete the rows that are there twice"
 
 
 def _usable_samples(log: Log) -> int:

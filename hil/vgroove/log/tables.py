@@ -54,12 +54,12 @@ def _raw(item: Any) -> RawColumns:
         raise VgrooveError(
             f"a log is a path, a vgroove.log.Log, a DataFrame or a dict of arrays, not {item!r:.60}"
         )
-    names = [str(name) for name in item.columns]
+    columns = {str(name): name for name in item.columns}  # a number may be a name
     index = getattr(getattr(item, "index", None), "name", None)
-    if index is None or str(index) in names:
-        return RawColumns(SOURCE, names, item.__getitem__)
+    if index is None or str(index) in columns:
+        return RawColumns(SOURCE, list(columns), lambda name: item[columns[name]])
     return RawColumns(
         SOURCE,
-        [str(index), *names],
-        lambda name: item.index if name == str(index) else item[name],
+        [str(index), *columns],
+        lambda name: item.index if name == str(index) else item[columns[name]],
     )

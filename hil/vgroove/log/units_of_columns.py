@@ -31,6 +31,19 @@ UNITS: dict[str, dict[str, float]] = {
     "": {"": 1.0, "1": 1.0, "%": 1e-2},
 }
 SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "°": "deg", " ": "", "·": "", "*": ""})
+# other spellings of units, in small letters
+ALIASES = {
+    "sec": "s",
+    "msec": "ms",
+    "usec": "us",
+    "u/min": "rpm",
+    "r/min": "rpm",
+    "rev/min": "rpm",
+    "rad/sec": "rad/s",
+    "deg/sec": "deg/s",
+    "n.m": "Nm",
+    "percent": "%",
+}
 IN_BRACKETS = re.compile(r"[(\[]([^()\[\]]*)[)\]]\s*$")
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
@@ -44,6 +57,7 @@ def known_unit(text: str, column: str) -> float | None:
     """What one of a unit is in the column's own unit; None for an unknown unit."""
     own = own_unit(column)
     units, name = UNITS.get(own, {own: 1.0}), text.strip().translate(SPELLINGS)
+    name = ALIASES.get(name.lower(), name)
     if name in units:
         return units[name]
     alike = [factor for unit, factor in units.items() if unit.lower() == name.lower()]

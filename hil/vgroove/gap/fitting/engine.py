@@ -7,7 +7,7 @@ with the same Jacobian (cross_validation.py).
 """
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,6 +89,7 @@ class Engine:
         self.groups = FoldGroups(problem.folds)
         self.discrepancy = np.ones(problem.n)  # (n,), see with_discrepancy()
         self.calls = 0  # parameter sets that were simulated
+        self.on_work: Callable[[], None] = lambda: None  # called after each batch of simulations
 
     def with_discrepancy(self, discrepancy: np.ndarray) -> "Engine":
         """The engine with the standard deviation of each residual (n,) this many times that of the
@@ -160,6 +161,7 @@ class Engine:
         if np.any(self.discrepancy != 1.0):
             rows /= self.discrepancy
         np.clip(rows, -MAX_RESIDUAL, MAX_RESIDUAL, out=rows)
+        self.on_work()
         unique = list(rows)
         return [unique[k] for k in which]
 

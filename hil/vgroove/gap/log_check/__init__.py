@@ -44,7 +44,7 @@ def refusals_and_warnings(log: Log, rig: Rig | None) -> list[Finding]:
 
 
 def _all_findings(log: Log, rig: Rig | None) -> list[Finding]:
-    findings = plausibility_findings(log)
+    findings = plausibility_findings(log, rig)
     if rig is None:
         return findings
     findings += rate_finding(log, rig)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.finding import Finding
 from vgroove.gap.log_check.nominal import (
     Pair,
@@ -21,8 +22,9 @@ from vgroove.gap.log_check.nominal import (
 )
 from vgroove.gap.log_check.time_unit import best_time_factor, time_finding
 from vgroove.log import COLUMN_UNITS, Log
+from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig
-from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S, TURN_RAD
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class FactorRules:
     # a factor nearer to 1 than this is that of a tool, not of a unit
     least: float = 3.0
     least_warned: float = 5.0  # a farther one that is no unit's is a warning
+    counts: float = 7.0  # least factor of a position that is in counts: more than any fault makes
     nearest: float = 1.5  # factor by which the unit that the warning names may be missed
     max_scatter: float = 0.15  # median relative error that may be left with the factor
     max_wide_scatter: float = 0.5  # the same with 1000 or -1
@@ -97,19 +100,26 @@ class Slope:
 
 # per column: factor of the numbers, unit as --map names it
 COLUMN_UNITS_WRITTEN = {
-    "current_a": {1e3: "mA"},
-    "supply_v": {1e3: "mV"},
+    "current_a": {1e3: "mA", 1e-3: "kA"},
+    "supply_v": {1e3: "mV", 1e-3: "kV"},
     "speed_rpm": {
+        1e-3: "krpm",
         RAD_S_PER_RPM: "rad/s",
         1 / 60: "rev/s",
         6.0: "deg/s",
         2.0 * math.pi: "rad/min",
-        RPM_PER_RAD_S: "0.1047198 rpm",  # converted from rad/s twice
-        60.0: "0.01666667 rpm",  # converted from rev/s twice
+        RPM_PER_RAD_S: "0.1047198 rpm",
+        60.0: "0.01666667 rpm",
     },
     "position_rad": {180.0 / math.pi: "deg", 0.5 / math.pi: "rev", 1e3: "mrad"},
 }
+CONVERTED_TWICE = {
+    "0.1047198 rpm": "it was converted from rad/s to rpm twice",
+    "0.01666667 rpm": "it was converted from rev/s to rpm twice",
+}
+CURRENT_UNITS = {1e3: "mA", -1e3: "-mA", -1.0: "-A"}
 GEARED = ("speed_rpm", "position_rad")
+WIDE_FACTORS = (1e3, 1e-3)
 
 
 def unit_findings(log: Log, rig: Rig) -> list[Finding]:
@@ -122,8 +132,30 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     factor = 1.0 if "log_hz" in rig.sensors else best_time_factor(part, rig)
     if factor != 1.0:
         return [time_finding(part, rig, factor)]
+    if accelerations := acceleration_factors(part, rig):
+        return _acceleration_findings(accelerations, rig)
     slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
     return _input_findings(slopes, rig) or [f for s in slopes for f in _column_findings(s, rig)]
+
+
+def _acceleration_findings(factors: dict[str, float], rig: Rig) -> list[Finding]:
+    """Findings on factors of columns that a current drives: the current's, where its unit explains
+    all of them.
+    """
+    slopes = [Slope(column, factor, 0.0, 1.0) for column, factor in factors.items()]
+    for size, unit in CURRENT_UNITS.items():
+        if all(_matches(slope.factor, Unit(1.0 / size, "", "", wide=True)) for slope in slopes):
+            what, factor = f"columns current_a and {_names(slopes)}", f"{slopes[0].factor:.4g}"
+            said = (
+                "one of them has the opposite sign" if size == -1.0 else f"current_a is in {unit}"
+            )
+            if "log_hz" not in rig.sensors and unit == "mA":
+                said += " (or time_s in ms)"
+            mends = [_mend("current_a", unit)]
+            if size == -1.0:
+                mends += [_mend(s.column, f"-{COLUMN_UNITS[s.column]}") for s in slopes]
+            return [_refusal(what, factor, said, ", or ".join(mends))]
+    return [finding for slope in slopes for finding in _column_findings(slope, rig)]
 
 
 def slope_of(pair: Pair, log: Log, rig: Rig) -> Slope | None:
@@ -188,8 +220,18 @@ def _column_findings(slope: Slope, rig: Rig) -> list[Finding]:
     for unit in (nearest, *units):
         if slope.is_close(unit.wide) and _matches(slope.factor, unit):
             return [_refusal(f"column {slope.column}", f"{slope.factor:.4g}", unit.name, unit.mend)]
+    if slope.column == "position_rad" and slope.is_close() and abs(slope.factor) > RULES.counts:
+        return [_counts_finding(slope)]
     far = max(abs(slope.factor), 1.0 / abs(slope.factor)) > RULES.least_warned
     return [_warning(slope, nearest)] if far and slope.is_close() else []
+
+
+def _counts_finding(slope: Slope) -> Finding:
+    """The refusal of a position that is in no unit of angle: the counts of an encoder."""
+    counts = slope.factor * TURN_RAD
+    reason = f"it is in counts of an encoder, {abs(counts):.4g} a turn of the motor"
+    mend = f"{_mend(slope.column, f'{1.0 / counts:.4g} rev')}, with 1 / the exact counts"
+    return _refusal(f"column {slope.column}", f"{slope.factor:.4g}", reason, mend)
 
 
 def _warning(slope: Slope, nearest: Unit) -> Finding:
@@ -204,7 +246,8 @@ def _warning(slope: Slope, nearest: Unit) -> Finding:
 
 
 def _refusal(what: str, factor: str, reason: str, mend: str) -> Finding:
-    text = f"{what}: the values are {factor} times those of the rig's simulation: {reason}? {mend}"
+    seems = f"the values are {factor} times those of the rig's simulation: it seems that {reason}"
+    text = f"{what}: {seems}; {mend}"
     return Finding(text, refuses=True)
 
 
@@ -217,11 +260,40 @@ def units_of(column: str, rig: Rig) -> list[Unit]:
         found += [Unit(1.0 / ratio, name, _mend(column, f"{ratio:g} {own}"))]
         found += [Unit(-1.0 / ratio, name, _mend(column, f"-{ratio:g} {own}"))]
     for factor, name in COLUMN_UNITS_WRITTEN[column].items():
-        wide = factor == 1e3
-        found.append(Unit(factor, f"it is in {name}", _mend(column, name), wide))
-        said = f"it is in {name} with the opposite sign"
-        found.append(Unit(-factor, said, _mend(column, f"-{name}"), wide))
-    return [*found, Unit(-1.0, "it has the opposite sign", _mend(column, f"-{own}"), wide=True)]
+        wide = factor in WIDE_FACTORS and column != "position_rad"
+        said = CONVERTED_TWICE.get(name, f"it is in {name}")
+        found += _both_signs(column, factor, said, name, wide)
+    found.append(Unit(-1.0, "it has the opposite sign", _mend(column, f"-{own}"), wide=True))
+    return [*found, *_seldom_units(column, rig, found)]
+
+
+def _both_signs(column: str, factor: float, said: str, unit: str, wide: bool = False) -> list[Unit]:
+    """A unit, and the same with the opposite sign."""
+    opposite = f"{said} with the opposite sign"
+    return [
+        Unit(factor, said, _mend(column, unit), wide),
+        Unit(-factor, opposite, _mend(column, f"-{unit}"), wide),
+    ]
+
+
+def _seldom_units(column: str, rig: Rig, others: list[Unit]) -> list[Unit]:
+    """Units behind the gear, and the frequency of the Hall edges, where their factors are those of
+    none of the other units.
+    """
+    ratio, edges = rig.gearbox["ratio"], rig.sensors.get("hall_pulses_per_rev", 0)
+    found = []
+    for factor, unit in COLUMN_UNITS_WRITTEN[column].items() if column in GEARED else ():
+        if ratio >= RULES.least and not unit[0].isdigit() and factor not in WIDE_FACTORS:
+            per_turn = ratio * unit_factor(unit, column)
+            said = f"it is in {unit}, measured behind the gear (gearbox.ratio {ratio:g})"
+            found += _both_signs(
+                column, factor / ratio, said, f"{per_turn:.7g} {COLUMN_UNITS[column]}"
+            )
+    if column == "speed_rpm" and edges:
+        said = f"it is the frequency of the edges ({edges:g} a turn) in Hz"
+        found += _both_signs(column, edges / 60.0, said, f"{60.0 / edges:.7g} rpm")
+    apart = 2.0 * math.log1p(RULES.tolerance)
+    return [u for u in found if min(_distance(u.factor, other) for other in others) > apart]
 
 
 def _matches(factor: float, unit: Unit) -> bool:

@@ -10,9 +10,12 @@ from vgroove.rig import Rig
 
 # A gap is longer than this many median row intervals (chosen: two lost rows)
 GAP_INTERVALS = 2.5
-# Time of a diagnosis, s of processor time: fixed part, and per judged row. Measured on a practice
-# log (6,000 rows: 26 s) and the EMPS axis (24,841 rows: 60 s).
-DIAGNOSIS_S, DIAGNOSIS_S_PER_ROW = 15.0, 0.0018
+# Judged rows, and processor time of a diagnosis in s. Measured on robotino_m1_current (1.3 s),
+# practice_001 and 009 (17 s) and a log of 5 million rows, of which 40,000 are judged (53 s). A log
+# that is compared in its torque balance takes up to three times as long (robotino_m1_delay, 2,292
+# rows: 18 s; EMPS, 24,841 rows: 60 s).
+DIAGNOSIS_ROWS = (0.0, 240.0, 6_000.0, 40_000.0)
+DIAGNOSIS_S = (1.0, 1.3, 17.0, 53.0)
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,9 @@ def facts_of(log: Log, rig: Rig | None) -> LogFacts:
         unsigned_current=current_is_unsigned(log),
         command_rows="unknown",
         command_rows_reason="it is estimated with --rig, from a log that is not refused",
-        diagnosis_s=DIAGNOSIS_S + DIAGNOSIS_S_PER_ROW * min(len(time_s), REDUCTION.max_rows),
+        diagnosis_s=float(
+            np.interp(min(len(time_s), REDUCTION.max_rows), DIAGNOSIS_ROWS, DIAGNOSIS_S)
+        ),
     )
 
 

@@ -1,17 +1,20 @@
-"""Checks that need no simulation: values that no tool reaches, columns without a value, and a row
-interval that the rig's log_hz contradicts.
+"""Checks that need no simulation: values that no tool reaches, a duty that is none, a position that
+wraps, columns without a value, and a row interval that the rig's log_hz contradicts.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from vgroove.gap.log_check.finding import Finding
+from vgroove.gap.residual.inputs import COMMAND
 from vgroove.log import MEASURED, Log
 from vgroove.rig import Rig
 
 # Largest magnitude of a column: a factor of 10 above the largest machine that the ranges of a rig
 # include (rig_keys.py: hundreds of kilowatts, 5 kV), for positions what a log of hours adds up to
 LARGEST = {
-    "duty": 1e4,  # in percent or as a compare value it is refused with its own sentence
+    "duty": 1e5,  # in percent or as a compare value it is refused with its own sentence
     "voltage_v": 1e7,  # 5 kV in mV: the factor 1000 has its own sentence
     "supply_v": 1e7,
     "current_a": 1e7,
@@ -19,6 +22,25 @@ LARGEST = {
     "position_rad": 1e9,
     "load_nm": 1e9,
 }
+# Full values of a duty that timers and loggers count in
+FULL_DUTIES = (100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
+COMPARED = ("current_a", "supply_v", "speed_rpm", "position_rad")
+
+
+@dataclass(frozen=True)
+class WrapRules:
+    """When a position is an angle within one turn (values chosen; no log of tests/data and no case
+    of the blind set comes near).
+    """
+
+    jump: float = 0.6  # of its range, between two rows
+    calm: float = 0.2  # of its range, that the rows before and after a jump may change by
+    min_jumps: int = 3
+    min_range_rad: float = 3.0  # a smaller range is one of a shaft at rest
+    min_rows: int = 20
+
+
+WRAP = WrapRules()
 # The interval may differ from that of log_hz by less than this factor: the median one, or the mean
 # one of a logger that writes its rows in batches.
 MAX_RATE_FACTOR = 3.0
@@ -27,8 +49,8 @@ TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
 TIME_TOLERANCE = 0.5
 
 
-def plausibility_findings(log: Log) -> list[Finding]:
-    """Findings on values that no tool reaches, and on a log that measures nothing."""
+def plausibility_findings(log: Log, rig: Rig | None = None) -> list[Finding]:
+    """Findings on values that no tool reaches, and on columns that measure nothing."""
     found = [
         Finding(
             f"column {name}: reaches {top:.4g}, more than any tool (at most {LARGEST[name]:g}): "
@@ -38,8 +60,67 @@ def plausibility_findings(log: Log) -> list[Finding]:
         for name, top in _largest(log).items()
         if top > LARGEST[name]
     ]
+    driven_by_duty = rig is None or rig.input["kind"] == "duty"
+    return [
+        *found,
+        *(_duty_finding(log) if driven_by_duty and not found else ()),
+        *_wrapped_finding(log),
+        *_empty_findings(log, rig),
+    ]
+
+
+def _duty_finding(log: Log) -> list[Finding]:
+    """A finding on a duty beyond -1..1; the full value that the mend states is the first of
+    FULL_DUTIES that it does not exceed.
+    """
+    top = _largest(log).get("duty", 0.0)
+    if top <= COMMAND.max_duty:
+        return []
+    text = f"column duty: reaches {top:.4g}, and a duty lies within -1..1: "
+    full = next((value for value in FULL_DUTIES if top <= value), None)
+    if full == 100.0:
+        text += 'is it in percent? Read it with --map "duty:%=duty"'
+    elif full is not None:
+        text += f'is it in counts of {full:g}? Read it with --map "duty:{1.0 / full:.7g}=duty"'
+    else:
+        text += "put the share that one of its counts is of the full duty into --map, as in "
+        text += '--map "duty:1e-6=duty"'
+    return [Finding(text, refuses=True)]
+
+
+def _wrapped_finding(log: Log) -> list[Finding]:
+    """A finding on a position that jumps back by its whole range: an angle within one turn."""
+    values = np.asarray(log.columns.get("position_rad", ()), float)
+    values = values[np.isfinite(values)]
+    if len(values) < WRAP.min_rows:
+        return []
+    reach = float(values.max() - values.min())
+    steps = np.diff(values)
+    jumps = np.flatnonzero(np.abs(steps) > WRAP.jump * reach)
+    jumps = jumps[(jumps > 0) & (jumps < len(steps) - 1)]
+    calm = np.maximum(np.abs(steps[jumps - 1]), np.abs(steps[jumps + 1])) < WRAP.calm * reach
+    if reach < WRAP.min_range_rad or np.count_nonzero(calm) < WRAP.min_jumps:
+        return []
+    text = (
+        f"column position_rad: jumps {np.count_nonzero(calm)} times by about its whole range of "
+        f"{reach:.4g}: it is an angle within one turn; add up the turns (numpy.unwrap, its period "
+        "is one turn in the unit of the column), or leave the column out"
+    )
+    return [Finding(text, refuses=True)]
+
+
+def _empty_findings(log: Log, rig: Rig | None) -> list[Finding]:
+    """Findings on columns without a value; one that would be compared with the simulation of the
+    rig refuses the log.
+    """
     empty = [n for n in MEASURED if n in log.columns and not np.isfinite(log.columns[n]).any()]
-    return found + [Finding(f"column {name}: holds no value") for name in empty]
+    text = (
+        "column {}: holds no value, so that it compares no sample with the simulation: check its "
+        "name and its logger, or leave the column out"
+    )
+    given = rig is not None
+    compared = [name for name in COMPARED if given and name != rig.input["kind"]]
+    return [Finding(text.format(name), refuses=name in compared) for name in empty]
 
 
 def _largest(log: Log) -> dict[str, float]:

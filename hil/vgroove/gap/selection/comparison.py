@@ -82,8 +82,10 @@ def begin_in_better_comparison(
     if balance is None:
         return search
     options.progress("the torque balance along the measured motion")
+    balancing = Engine(balance, engine.scales, problem.rig.tolerance, engine.present)
+    balancing.on_work = engine.on_work
     other = begin(
-        Engine(balance, engine.scales, problem.rig.tolerance, engine.present),
+        balancing,
         effects_in_balance(balance, effects),
         options,
         gap_problem=problem,
