@@ -297,23 +297,16 @@ static void end_period(void) {
     sim.now = 0;
 }
 
-// Signed compare value of the two of leg A, which are dead_counts apart around it.
-static int16_t signed_compare(void) {
-    const uint8_t dead = sim.app.bridge.dead_counts;
-    int16_t leg_a = sim.low_above;
-    if (sim.low_above == HAL_COMPARE_MAX) {
-        leg_a = (int16_t)(sim.high_below == HAL_COMPARE_MAX ? HAL_COMPARE_MAX
-                                                            : sim.high_below + dead / 2u);
-    } else if (sim.low_above > 0u) {
-        leg_a = (int16_t)(sim.low_above - (dead - dead / 2u));
-    }
-    return sim.leg_b_high ? (int16_t)(leg_a - HAL_COMPARE_MAX) : leg_a;
-}
-
+// Of leg A while it is enabled: the counts between its two compare values, in which neither side is
+// on, and the signed compare value in their middle. Where the dead time exceeds the duty, one side
+// stays off and the counts between are fewer than the dead time.
 static void latch_bridge(void) {
+    const uint8_t between = (uint8_t)(sim.low_above - sim.high_below);
+    const int16_t leg_a = (int16_t)(sim.high_below + between / 2u);
+    const int16_t compare = sim.leg_b_high ? (int16_t)(leg_a - HAL_COMPARE_MAX) : leg_a;
     sim.out.coast = (uint8_t)(sim.enabled ? 0 : 1);
-    sim.out.compare = sim.enabled ? signed_compare() : 0;
-    sim.out.dead_counts = sim.app.bridge.dead_counts;
+    sim.out.compare = sim.enabled ? compare : 0;
+    sim.out.dead_counts = sim.enabled ? between : 0;
 }
 
 _Static_assert(sizeof(TorqueMap) == SIM_TORQUE_MAP_BYTES, "the map has no padding");
