@@ -213,7 +213,8 @@ void Bridge::end_period(Cycle start, Cycle end) {
     current_.latched = {machine_.peek(OCR0A), machine_.peek(OCR0B)};
 }
 
-// The counts between the two compare values of leg A, in which neither side is on, and their middle.
+// The counts between the two compare values of leg A, in which neither side is on, and their
+// middle.
 BridgeOutput Bridge::output() const {
     BridgeOutput output;
     const auto on = [this](int gate) {
