@@ -14,6 +14,8 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define WAVE_SCALE 100663296u  // 2^15 * 6 pitches / 90 degrees of the spindle * pulses * turn_q8
 #define EDGES_MAX 2u           // per tick: at a higher speed there is no ripple
 
+#define RUN_IN_BLOWS 12u
+
 // SETTLE: the rotation per blow is learned at the reduced power.
 #define SETTLE_WAVES 28u
 #define UNSETTLED_WAVES 8u    // the first of them are not averaged
@@ -34,7 +36,7 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define WIDE_TURN (16 * (int16_t)DEG)  // above it even a knot's edge over two blows would be slow
 #define SLOW_TURN (11 * (int16_t)DEG)  // up to it a rise is slow below SLOW_Q8 per blow, above it
 #define SLOW_Q8 55                     // (0.21) below SLOW_Q8 / SLOW_TURN: 0.0195 per degree
-#define SLOW_AREA_Q8 141               // 0.55: greatest area of a slow rise
+#define SLOW_AREA_Q8 133               // 0.52: greatest area of a slow rise
 #define EDGE (9u * DEG)                // plus 1/5 of the learned rotation, see area_max()
 #define LATE_AREA_Q8 77                // 0.3: below this area the rise has only just begun
 #define GIVE_UP (60u * DEG)            // no seat within this angle: the rise is learned as wood
@@ -278,7 +280,7 @@ static uint16_t requested_q15(const Screwing *self, int16_t travel_q15) {
     const uint16_t least = (uint16_t)self->least_q15,
                    share = (uint16_t)(2u * (uint16_t)self->share_q15);
     const uint16_t requested =
-        (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 2u);
+        (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 4u);
     const uint16_t most = (uint16_t)(2u * least + least / 8u);
     return requested < least ? least : requested > most ? most : requested;
 }
@@ -306,7 +308,7 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
     if (!blow->impacting) {
         self->state = SCREWING_RUN_IN;
     } else if (self->state == SCREWING_RUN_IN) {
-        if (blow->count >= 2u) {
+        if (blow->count >= RUN_IN_BLOWS) {
             self->share_q15 = set->share_q15;
             settle(self);
         }

@@ -42,6 +42,7 @@ typedef struct {
     uint8_t eeprom[SIM_EEPROM_BYTES];
     SimBlow blows[SIM_BLOWS_MAX];
     uint16_t blow_count;
+    bool receive_off;
     uint64_t cycles;  // from the start of the timers to the beginning of the period
     uint32_t periods;
     int32_t tick_at;
@@ -104,6 +105,10 @@ uint8_t hal_switches(void) {
 
 void hal_uart_start(uint8_t baud) {
     sim.cycles_per_byte = baud == HAL_BAUD_115200 ? CYCLES_PER_BYTE_115200 : CYCLES_PER_BYTE_250000;
+}
+
+void hal_uart_receive(bool on) {
+    sim.receive_off = !on;
 }
 
 void hal_uart_wake(void) {
@@ -207,7 +212,9 @@ static void on_sample(void) {
 }
 
 static void on_received(void) {
-    app_on_received(&sim.app, sim.in.rx[sim.rx_next], false);
+    if (!sim.receive_off) {
+        app_on_received(&sim.app, sim.in.rx[sim.rx_next], false);
+    }
     sim.rx_next++;
 }
 

@@ -1,0 +1,80 @@
+"""The budgets hold on the tapes that the search of stress.py has found, and on random ones; such
+tapes are equal bit for bit on both boards.
+"""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+from budget import CONTROL_CYCLES_MAX, TICK_CYCLES_MAX
+from builds import BUILDS
+from equality import bridge_differences, differences, periods_of, sent_bytes
+from stress import (
+    FOLDBACK_A,
+    MODES,
+    Stress,
+    acknowledged,
+    corpus,
+    random_stress,
+    statistics,
+    stress_tape,
+)
+
+from vgroove import sil
+
+ISR_SHARE_MAX = 0.15
+CASES = [
+    pytest.param(name, stress, id=f"{name} {stress.mode} {stress.seed}")
+    for name, stress in corpus()
+]
+UNSEEN = range(1000, 1002)  # seeds that the search has not used
+FLOOD = Stress("duty", 7, "line rate", {"foldback_a": FOLDBACK_A})
+RATE_AT_LEAST = 15  # ACKs in 1.3 s of bytes without a pause
+ACK_SHARE = 0.5  # of the commands of a host with pauses, a fifth of them damaged
+
+
+def build_of(mode: str) -> str:
+    """The Uno's build with the mode."""
+    return "drill_elf" if mode == "drill" else "uno_elf"
+
+
+def keeps_budgets(found: dict) -> None:
+    """Asserts the budgets of tick, step and interrupts."""
+    assert found["tick"]["worst_cycles"] <= TICK_CYCLES_MAX
+    assert found["tick"]["late"] == 0
+    assert found["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX
+    assert found["isr_share_worst_100ms"] <= ISR_SHARE_MAX
+
+
+@pytest.mark.parametrize(("name", "stress"), CASES)
+def test_the_longest_ticks_found_keep_the_budgets(
+    name: str, stress: Stress, request: pytest.FixtureRequest
+) -> None:
+    keeps_budgets(statistics(stress, request.getfixturevalue(name), BUILDS[name].mcu)[0])
+
+
+@pytest.mark.parametrize("seed", UNSEEN)
+@pytest.mark.parametrize("mode", MODES)
+def test_random_tapes_keep_the_budgets(
+    mode: str, seed: int, request: pytest.FixtureRequest
+) -> None:
+    elf = request.getfixturevalue(build_of(mode))
+    keeps_budgets(statistics(random_stress(mode, seed), elf, "atmega328p")[0])
+
+
+def test_a_flooded_line_keeps_the_budgets_and_is_answered(request: pytest.FixtureRequest) -> None:
+    found, out = statistics(FLOOD, request.getfixturevalue("uno_elf"), "atmega328p")
+    keeps_budgets(found)
+    assert acknowledged(out) >= RATE_AT_LEAST
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_stressed_boards_are_equal_bit_for_bit(
+    mode: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    stress = replace(random_stress(mode, 3), line="commands")
+    elf = request.getfixturevalue(build_of(mode))
+    avr = statistics(stress, elf, "atmega328p")[1]
+    native = sil.replay(stress_tape(stress), target=1, eeprom=stress.eeprom())
+    assert differences(sent_bytes(native), sent_bytes(avr)) == [], asdict(stress)
+    assert bridge_differences(periods_of(native), periods_of(avr)) == []
