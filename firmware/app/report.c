@@ -79,7 +79,7 @@ void report_tick(App *app) {
         (!report->hold_state || app->modes.state != MODES_DRIVE)) {
         control_report(&app->control, &report->control);  // kept until the next drive
     }
-    if (telemetry_health_due(&app->telemetry)) {
+    if (!report->hold_slow && telemetry_health_due(&app->telemetry)) {
         fill_health(app, &report->health);
     }
     uint8_t *place[2];

@@ -14,6 +14,9 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define WAVE_SCALE 100663296u  // 2^15 * 6 pitches / 90 degrees of the spindle * pulses * turn_q8
 #define EDGES_MAX 2u           // per tick: at a higher speed there is no ripple
 
+// Blows at the trigger's duty. A screw turns far before it is seated, and the impact rate is a mean
+// over time: a slow end after a fast beginning takes less time than a constant power with the same
+// mean rate.
 #define RUN_IN_BLOWS 12u
 
 // SETTLE: the rotation per blow is learned at the reduced power.
@@ -36,7 +39,7 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define WIDE_TURN (16 * (int16_t)DEG)  // above it even a knot's edge over two blows would be slow
 #define SLOW_TURN (11 * (int16_t)DEG)  // up to it a rise is slow below SLOW_Q8 per blow, above it
 #define SLOW_Q8 55                     // (0.21) below SLOW_Q8 / SLOW_TURN: 0.0195 per degree
-#define SLOW_AREA_Q8 133               // 0.52: greatest area of a slow rise
+#define SLOW_AREA_Q8 141               // 0.55: greatest area of a slow rise
 #define EDGE (9u * DEG)                // plus 1/5 of the learned rotation, see area_max()
 #define LATE_AREA_Q8 77                // 0.3: below this area the rise has only just begun
 #define GIVE_UP (60u * DEG)            // no seat within this angle: the rise is learned as wood
@@ -274,7 +277,7 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
     }
 }
 
-// A share of the trigger's duty plus half the least duty, limited to the least duty below and 17/8
+// A share of the trigger's duty plus a quarter of the least duty, limited to the least duty below and 17/8
 // of it above, beyond which the speed shows no ripple.
 static uint16_t requested_q15(const Screwing *self, int16_t travel_q15) {
     const uint16_t least = (uint16_t)self->least_q15,
