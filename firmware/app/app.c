@@ -145,9 +145,10 @@ static bool slow_work(App *self) {
     return true;
 }
 
-// A tick has cycles for one of these: slow work, a slow frame, a second edge, an edge with fold-back,
-// or the computations of a controller at a blow, which last for three ticks. A slow frame that had to wait has priority over slow work in the next
-// tick. Checking or answering a command holds the update of STATE as well.
+// A tick has cycles for one of these: slow work, a slow frame, a second edge, an edge with
+// fold-back, or the computations of a controller at a blow, which last for three ticks. A slow
+// frame that had to wait has priority over slow work in the next tick. Checking or answering a
+// command holds the update of STATE as well.
 static void share_tick(App *self) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;

@@ -21,7 +21,8 @@ void foldback_reset(Foldback *self) {
 INLINE_NEVER static int32_t integrated(const Foldback *self, int16_t current_a_q9) {
     const bool lowers = self->change_q23 < 0 || (self->change_q23 == 0 && current_a_q9 > 0);
     const int32_t by_current_q23 = (int32_t)current_a_q9 * GAIN_Q14;
-    int32_t size_q23 = lowers ? by_current_q23 - self->change_q23 : self->change_q23 - by_current_q23;
+    int32_t size_q23 =
+        lowers ? by_current_q23 - self->change_q23 : self->change_q23 - by_current_q23;
     size_q23 -= self->limit_q23;
     if (size_q23 < 0) {
         return 0;

@@ -26,9 +26,9 @@ void uart_send(Uart *self, uint8_t frames);
 bool uart_received(const Uart *self);  // bytes are pending
 bool uart_receive(Uart *self, uint8_t *byte);
 
-// Interrupts. on_tick: the beginning tick may take the bytes received so far. on_apply: later in the
-// tick; receives again after a full queue, from which on no byte has been kept. on_ready: false when
-// nothing is left to send.
+// Interrupts. on_tick: the beginning tick may take the bytes received so far. on_apply: later in
+// the tick; receives again after a full queue, from which on no byte has been kept. on_ready: false
+// when nothing is left to send.
 void uart_on_tick(Uart *self);
 void uart_on_apply(Uart *self);
 void uart_on_received(Uart *self, uint8_t byte, bool damaged);

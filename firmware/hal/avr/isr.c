@@ -115,8 +115,8 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
         :
         : [keep_low] "I"(_SFR_IO_ADDR(GPIOR1)), [keep_high] "I"(_SFR_IO_ADDR(GPIOR2)),
           [control] "n"(_SFR_MEM_ADDR(UCSR0B)), [silent] "n"((uint8_t) ~(1u << RXCIE0)),
-          [refuses] "i"(&avr_app.uart.refuses), [adcsra] "n"(_SFR_MEM_ADDR(ADCSRA)), [adif] "I"(ADIF),
-          [channel] "i"(&avr_app.adc.next_channel), [reference] "M"(1u << REFS0),
+          [refuses] "i"(&avr_app.uart.refuses), [adcsra] "n"(_SFR_MEM_ADDR(ADCSRA)),
+          [adif] "I"(ADIF), [channel] "i"(&avr_app.adc.next_channel), [reference] "M"(1u << REFS0),
           [admux] "n"(_SFR_MEM_ADDR(ADMUX)), [tifr] "I"(_SFR_IO_ADDR(TIFR0)), [tov] "I"(TOV0),
           [status] "n"(_SFR_MEM_ADDR(UCSR0A)), [data] "n"(_SFR_MEM_ADDR(UDR0)),
           [damaged] "M"((1u << FE0) | (1u << DOR0)), [tail] "i"(&avr_app.uart.receive.tail),
