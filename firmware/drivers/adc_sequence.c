@@ -133,11 +133,8 @@ bool adc_sequence_on_result(AdcSequence *self, uint16_t counts) {
     const uint8_t at = head % ADC_SEQUENCE_RING;
     self->head = (uint8_t)(head + 1u);
     self->low[at] = (uint8_t)counts;
-    self->high[at] = (uint8_t)(counts >> 8);
     self->next_channel = self->after[at];
-    if (head % OTHER_EVERY == OTHER_AT || !trips(self, counts)) {
-        return false;
-    }
-    self->high[at] = (uint8_t)(self->high[at] | (MARK >> 8));
-    return true;
+    const bool beyond = head % OTHER_EVERY != OTHER_AT && trips(self, counts);
+    self->high[at] = (uint8_t)(beyond ? (counts | MARK) >> 8 : counts >> 8);
+    return beyond;
 }

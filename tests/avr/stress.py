@@ -35,7 +35,8 @@ CURRENTS = (512, 600, 660, 700, 800, 880, 420, 300, 160)
 SUPPLIES = (640, 700, 740, 800, 820)
 LINES = ("quiet", "commands", "line rate")
 MODES = ("duty", "sync", "screwing", "vibration", "torque", "drill")
-GAPS_S = (0.0, 0.06)  # between two bursts of commands
+# Gaps between two bursts of commands; a host that waits for its ACKs is paced.
+GAPS_S = {"line rate": (0.0, 0.0), "commands": (0.0, 0.06), "paced": (0.06, 0.1)}
 BURST = 3  # most commands without a gap: what the board's receive queue holds
 FIRST_TOP, RECEIVE_CYCLE, TICK = 255, 128, 16000  # docs/firmware.md, Timing
 TICK_CLEAR = 600  # cycles after a tick in which the end of a byte depends on the target
@@ -97,12 +98,12 @@ def received_bytes(stress: Stress, rng: np.random.Generator) -> dict[int, bytes]
     while stress.line != "quiet" and at < (DURATION_S - 0.05) * PERIODS_PER_SECOND:
         for _ in range(int(rng.integers(1, BURST + 1))):
             for byte in some_command(rng, sequence % 256):
-                at = clear_of_tick(at) if stress.line == "commands" else at
+                at = at if stress.line == "line rate" else clear_of_tick(at)
                 found[int(at)] = found.get(int(at), b"") + bytes([byte])
                 at += BYTE_PERIODS
             sequence += 1
-        if stress.line == "commands":
-            at += rng.uniform(*GAPS_S) * PERIODS_PER_SECOND
+        if stress.line != "line rate":
+            at += rng.uniform(*GAPS_S[stress.line]) * PERIODS_PER_SECOND
     return found
 
 
