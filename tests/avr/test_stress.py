@@ -1,5 +1,5 @@
-"""The budgets on the tapes with the longest ticks that the search of stress.py has found; such tapes
-are equal bit for bit on both boards.
+"""The budgets on the tapes with the longest ticks that the search of stress.py has found; such
+tapes are equal bit for bit on both boards.
 """
 
 from dataclasses import asdict, replace
