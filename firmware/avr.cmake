@@ -39,8 +39,14 @@ target_link_libraries(vgroove PRIVATE vgroove_warnings)
 set_target_properties(vgroove PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}
   SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
 add_dependencies(vgroove vgroove_build_hash)
-# Of the Uno's 32 KiB the boot loader takes 0.5 to 2, and 2 are reserve.
-set(VGROOVE_FLASH_LIMIT 28672 CACHE STRING "greatest number of flash bytes")
+# Of the Uno's 32 KiB the boot loader takes 0.5 to 2, and 2 are reserve. On the Mega the tables in
+# flash are read by 16-bit addresses.
+if(VGROOVE_MCU STREQUAL "atmega2560")
+  set(flash_limit 61440)
+else()
+  set(flash_limit 28672)
+endif()
+set(VGROOVE_FLASH_LIMIT ${flash_limit} CACHE STRING "greatest number of flash bytes")
 add_custom_command(TARGET vgroove POST_BUILD
   COMMAND ${CMAKE_COMMAND} -DELF=$<TARGET_FILE:vgroove> -DTOOL=${VGROOVE_TOOL}
           -DMCU=${VGROOVE_MCU} -DLIMIT=${VGROOVE_FLASH_LIMIT}

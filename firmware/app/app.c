@@ -10,7 +10,7 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
-#define FULL_TICKS_MAX 3u  // most ticks in a row without slow work: one in four is enough
+#define FULL_TICKS_MAX 30u  // most ticks in a row without slow work because of edges
 
 void app_init(App *self, uint32_t build_hash) {
     *self =
@@ -86,7 +86,7 @@ static void find_standstill(App *self) {
 static void step_modes(App *self) {
     const uint8_t before = self->modes.state;
     const ModesInputs in = {
-        .pressed = trigger_pressed(&self->trigger),
+        .pressed = trigger_pressed(&self->trigger) && !self->control.start_due,
         .contact = trigger_contact(&self->trigger),
         .reverse_switch = trigger_reverse(&self->trigger),
         .standstill = self->measured.standstill,
@@ -145,18 +145,23 @@ static bool slow_work(App *self) {
     return true;
 }
 
-// A tick has cycles for one of these: slow work, a slow frame, a second edge, or the computations
-// of a controller at a blow. A slow frame that had to wait has priority over slow work in the next
-// tick.
+// A tick has cycles for one of these: slow work, a slow frame, a second edge, an edge with
+// fold-back, or the computations of a controller at a blow, which last for three ticks. A slow
+// frame that had to wait has priority over slow work in the next tick. Checking or answering a
+// command holds the update of STATE as well.
 static void share_tick(App *self) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
-    self->full_ticks = (uint8_t)((two_edges || self->heavy) && self->full_ticks < FULL_TICKS_MAX
-                                     ? self->full_ticks + 1u
-                                     : 0u);
-    const bool full = self->full_ticks > 0u;
+    const bool edges = two_edges || (foldback_active(&self->foldback) && self->hall.new_edges > 0u);
+    if (!self->heavy) {
+        self->full_ticks =
+            (uint8_t)(edges && self->full_ticks < FULL_TICKS_MAX ? self->full_ticks + 1u : 0u);
+    }
+    const bool full = self->heavy || self->full_ticks > 0u;
+    const bool answers = execute_answers(self);
     const bool worked = !full && !self->slow_turn && slow_work(self);
     self->report.hold_slow = worked || full;
+    self->report.hold_state = full || (worked && answers);
 }
 
 void app_tick(App *self, uint8_t ticks_late) {
@@ -176,11 +181,11 @@ void app_tick(App *self, uint8_t ticks_late) {
     profile_tick(&self->control.profile, drives);
     h_bridge_stage(&self->bridge, drive_step(self));
     share_tick(self);
-    if (!drives) {
-        control_prepare(&self->control, self->mode, self->params.value);
-    }
     self->slow_turn = self->report.hold_slow && telemetry_slow_pending(&self->telemetry);
     report_tick(self);
+    if (!drives && self->modes.state != MODES_STOPPED) {
+        control_ready(&self->control, self->mode, self->modes.reverse, self->params.value);
+    }
     const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);
     if (cycles > self->worst_cycles) {
         self->worst_cycles = cycles;
@@ -193,6 +198,7 @@ void app_on_tick(App *self) {
 
 void app_on_apply(App *self) {
     h_bridge_on_apply(&self->bridge);
+    uart_on_apply(&self->uart);
 }
 
 void app_on_edge(App *self, uint16_t stamp) {

@@ -15,7 +15,7 @@ static void configure_limits(App *app) {
     app->current.gain_a_q15 = value[PARAM_CURRENT_GAIN_A_Q15];
     app->slew_q15 = value[PARAM_SLEW_PER_MS_Q15];
     app->run_down_q15 = value[PARAM_RUN_DOWN_PER_MS_Q15];
-    app->foldback.limit_a_q9 = value[PARAM_FOLDBACK_A_Q9];
+    foldback_init(&app->foldback, value[PARAM_FOLDBACK_A_Q9]);
     app->fault_limits = (FaultLimits){
         .under_voltage_mv = (uint16_t)value[PARAM_UNDER_VOLTAGE_MV],
         .over_temperature_c_q4 = (int16_t)((uint8_t)value[PARAM_OVER_TEMPERATURE_C] * 16u),

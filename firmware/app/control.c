@@ -67,23 +67,41 @@ static uint8_t blow_source(uint8_t mode, int16_t method, const int16_t *value) {
     return method == CONTROLLER_METHOD_SPEED ? BLOW_SOURCE_SPEED : BLOW_SOURCE_CURRENT;
 }
 
-INLINE_NEVER void control_prepare(Control *self, uint8_t mode, const int16_t *value) {
+INLINE_NEVER bool control_prepare(Control *self, uint8_t mode, const int16_t *value) {
     const uint8_t *source = sources[mode];
     int16_t *const last = &self->set.words[CONTROL_SETPOINTS_MAX];
+    uint16_t changed = 0;
     for (int16_t *word = self->set.words; word != last; word++, source++) {
-        *word = value[FLASH_U8(source)];
+        const int16_t now = value[FLASH_U8(source)];
+        changed |= (uint16_t)(now ^ *word);
+        *word = now;
     }
     self->blow_set.turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
     self->blow_set.source = blow_source(mode, self->set.words[0], value);
     self->blow_set.motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
     self->blow_set.motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
+    return changed != 0u;
 }
 
 INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse) {
     self->stopped = false;
+    self->stepped = false;
+    self->start_due = false;
+    self->asked = mode;
+    self->asked_reverse = reverse;
     self->mode = reverse && forward_only(mode) ? TELEMETRY_MODE_DUTY : control_built(mode);
     blow_start(&self->blow, &self->blow_set);
     switch (self->mode) { CONTROL_LIST(START_CASE) }
+}
+
+void control_ready(Control *self, uint8_t mode, bool reverse, const int16_t *value) {
+    if (self->start_due) {
+        control_start(self, mode, reverse);
+    } else {
+        const bool changed = control_prepare(self, mode, value);
+        self->start_due =
+            changed || self->stepped || mode != self->asked || reverse != self->asked_reverse;
+    }
 }
 
 static int16_t step(Control *self, const ControllerInputs *in) {
@@ -92,6 +110,7 @@ static int16_t step(Control *self, const ControllerInputs *in) {
 }
 
 INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
+    self->stepped = true;
     if (self->stopped) {
         return CONTROLLER_STOP;
     }
@@ -108,6 +127,10 @@ bool control_was_heavy(const Control *self) {
         return true;
     }
     return false CONTROL_LIST(HEAVY_TERM);
+}
+
+bool control_has_stepped(const Control *self) {
+    return self->stepped;
 }
 
 void control_report(const Control *self, TelemetryControl *out) {

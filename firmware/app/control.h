@@ -15,7 +15,8 @@
 //     opens; telemetry sends the reason until the next drive.
 //   - CONTROLLER_COAST opens the bridge for the tick; ramp, fold-back and stall time go on.
 //   - A controller of one direction (CONTROL_FORWARD) is replaced by the plain mode in reverse.
-// start() and the first step() run in the same tick: together they must fit the cycles of a step.
+//   - It starts the controller after a drive and after a change of mode, direction or parameters,
+//     so that the first tick of the next drive has the cycles of a step and no more.
 #ifndef VGROOVE_APP_CONTROL_H
 #define VGROOVE_APP_CONTROL_H
 
@@ -48,6 +49,10 @@ typedef struct {
     ControllerInputs in;  // of this tick
     uint8_t mode;         // TELEMETRY_MODE_* of this drive
     bool stopped;         // the controller has ended the drive
+    bool stepped;         // since its start
+    bool start_due;       // in the next tick
+    uint8_t asked;        // mode of the last start
+    bool asked_reverse;
 } Control;
 
 // Whether this build has the mode: the plain mode, and those of CONTROL_LIST.
@@ -56,11 +61,14 @@ bool control_has(uint8_t mode);
 // The mode if this build has it, otherwise the plain mode.
 uint8_t control_built(uint8_t mode);
 
-// Copies the setpoints of a mode of this build from the parameters. Called in each tick without a
-// drive, when there are cycles to spare, so that a drive begins with the latest values.
-void control_prepare(Control *self, uint8_t mode, const int16_t *value);
+// A tick without a drive: copies the setpoints; in the tick after a change, and after a drive, it
+// starts the controller. A drive waits while `start_due`.
+void control_ready(Control *self, uint8_t mode, bool reverse, const int16_t *value);
 
-// A drive of the prepared mode begins.
+// Copies the setpoints of a mode of this build from the parameters; true: one has changed.
+bool control_prepare(Control *self, uint8_t mode, const int16_t *value);
+
+// The next step begins a drive of the prepared mode.
 void control_start(Control *self, uint8_t mode, bool reverse);
 
 // Returns a duty 0..32767, CONTROLLER_STOP or CONTROLLER_COAST.
@@ -69,7 +77,10 @@ int16_t control_step(Control *self, const ControllerInputs *in);
 // Whether the last step used so many cycles that the tick has no room for a slow frame.
 bool control_was_heavy(const Control *self);
 
-// Telemetry of the present drive or the last one: every signal of the frame but control_tick.
+// Whether there is a drive to report: a started controller has nothing yet.
+bool control_has_stepped(const Control *self);
+
+// Telemetry of the drive: every signal of the frame but control_tick.
 void control_report(const Control *self, TelemetryControl *out);
 
 #endif

@@ -65,7 +65,7 @@ enum {
       PARAM_VIBRATION_SURGE_A_Q9, PARAM_VIBRATION_HARD_SHARE_Q15, PARAM_VIBRATION_HARD_MV,        \
       PARAM_MOTOR_MOHM, PARAM_MOTOR_RPM_PER_V)                                                    \
     X(TORQUE, torque, Torque, CONTROL_FORWARD, CONTROL_UNCHANGED, CONTROL_BLOWS_BY_PARAMETER,     \
-      torque_has_measured,                                                                        \
+      torque_was_heavy,                                                                        \
       PARAM_TORQUE_TARGET_NM)
 
 #define CONTROL_LIST_DRILL(X)                                                                     \

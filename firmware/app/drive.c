@@ -33,14 +33,10 @@ static int16_t limited_travel(const App *app) {
 }
 
 // Ramped trigger: the duty of the plain mode, and the trigger input of the controllers.
-static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15, int16_t speed_rpm_q1) {
+static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15) {
     if (app->controlled && command == MODES_COMMAND_RAMP_DOWN &&
         app->requested_q15 < app->ramp_q15) {
         app->ramp_q15 = app->requested_q15;  // no more than the controller's duty
-    }
-    if (!app->driving) {
-        app->ramp_q15 = resumed_duty(app, speed_rpm_q1);
-        app->heavy = true;  // by the division
     }
     const bool releases = command == MODES_COMMAND_RAMP_DOWN;
     app->ramp_q15 =
@@ -57,8 +53,11 @@ static int16_t applied_duty_q15(const App *app) {
                          : (uint16_t)((uint16_t)(compare < 0 ? -compare : compare) * 257u) >> 1);
 }
 
+// The duty at which the next drive would begin is computed before it, since a first tick has no
+// cycles for the division.
 static int16_t coast(App *app) {
-    foldback_init(&app->foldback, app->foldback.limit_a_q9);
+    app->ramp_q15 = resumed_duty(app, along(app, app->measured.speed_rpm_q1));
+    foldback_reset(&app->foldback);
     app->driving = false;
     app->controlled = false;
     return H_BRIDGE_COAST;
@@ -70,11 +69,8 @@ static int16_t requested_duty(App *app, ModesCommand command, const ControllerIn
         app->controlled = false;
         return in->travel_q15;
     }
+    app->controlled = true;
     hal_mark_control(true);
-    if (!app->controlled) {
-        control_start(&app->control, app->mode, app->modes.reverse);
-        app->controlled = true;
-    }
     const int16_t requested_q15 = control_step(&app->control, in);
     hal_mark_control(false);
     if (control_was_heavy(&app->control)) {
@@ -102,7 +98,7 @@ int16_t drive_step(App *app) {
     const int16_t speed_rpm_q1 = along(app, app->measured.speed_rpm_q1);
     ControllerInputs *const in = &app->control.in;
     in->trigger_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app);
-    in->travel_q15 = ramp(app, command, in->trigger_q15, speed_rpm_q1);
+    in->travel_q15 = ramp(app, command, in->trigger_q15);
     if (command == MODES_COMMAND_RAMP_DOWN && in->travel_q15 == 0) {
         return coast(app);  // no braking after the run-down
     }

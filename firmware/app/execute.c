@@ -115,6 +115,10 @@ bool execute_pending(const App *app) {
            (app->command_pending || !command_reading(&app->parser) || uart_received(&app->uart));
 }
 
+bool execute_answers(const App *app) {
+    return app->command_pending || !command_reading(&app->parser);
+}
+
 void execute_received(App *app) {
     uint8_t byte = 0;
     if (app->command_pending) {

@@ -7,6 +7,10 @@
 // Whether received bytes or a complete command are pending and no ACK is waiting to be sent.
 bool execute_pending(const App *app);
 
+// Whether the next step checks a command, searches a damaged one, or executes it; else it takes
+// bytes.
+bool execute_answers(const App *app);
+
 // One step: takes some bytes, searches a damaged frame for the next start byte, checks a command,
 // or executes and acknowledges it.
 void execute_received(App *app);

@@ -82,9 +82,9 @@
     X(SYNC_CURRENT_A_Q9,         "A",        12800, 1024, 28160, 3)                              \
       /* method 2: mean current while impacting */                                               \
     /* screwing */                                                                               \
-    X(SCREWING_SHARE_Q15,        "1",        7373,  0,    32767, 3)                              \
+    X(SCREWING_SHARE_Q15,        "1",        9994,  0,    32767, 3)                              \
       /* share of the trigger's duty while impacting */                                          \
-    X(SCREWING_LEAST_MV,         "mV",       5800,  3000, 12000, 3)                              \
+    X(SCREWING_LEAST_MV,         "mV",       5650,  3000, 12000, 3)                              \
       /* lower limit of the motor voltage while impacting */                                     \
     X(SCREWING_SMALL_DEG_Q4,     "deg",      200,   0,    1440,  3)                              \
       /* rotation of the screw per blow below which the power is raised */                       \

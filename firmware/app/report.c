@@ -70,14 +70,16 @@ void report_tick(App *app) {
         .duty_compare = app->bridge.row_compare,
         .supply_v = app->measured.supply_25mv,
     };
-    report->hold_state = app->full_ticks > 0u;
     app->kept_flags |= app->measured.flags;
     if (!report->hold_state) {
         fill_state(app, &report->state);
         app->kept_flags = 0;
     }
-    control_report(&app->control, &report->control);
-    if (telemetry_health_due(&app->telemetry)) {
+    if (control_has_stepped(&app->control) &&
+        (!report->hold_state || app->modes.state != MODES_DRIVE)) {
+        control_report(&app->control, &report->control);  // kept until the next drive
+    }
+    if (!report->hold_slow && telemetry_health_due(&app->telemetry)) {
         fill_health(app, &report->health);
     }
     uint8_t *place[2];

@@ -14,6 +14,11 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define WAVE_SCALE 100663296u  // 2^15 * 6 pitches / 90 degrees of the spindle * pulses * turn_q8
 #define EDGES_MAX 2u           // per tick: at a higher speed there is no ripple
 
+// Blows at the trigger's duty. A screw turns far before it is seated, and the impact rate is a mean
+// over time: a slow end after a fast beginning takes less time than a constant power with the same
+// mean rate.
+#define RUN_IN_BLOWS 12u
+
 // SETTLE: the rotation per blow is learned at the reduced power.
 #define SETTLE_WAVES 28u
 #define UNSETTLED_WAVES 8u    // the first of them are not averaged
@@ -272,13 +277,13 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
     }
 }
 
-// A share of the trigger's duty plus half the least duty, limited to the least duty below and 17/8
-// of it above, beyond which the speed shows no ripple.
+// A share of the trigger's duty plus a quarter of the least duty, limited to the least duty below
+// and 17/8 of it above, beyond which the speed shows no ripple.
 static uint16_t requested_q15(const Screwing *self, int16_t travel_q15) {
     const uint16_t least = (uint16_t)self->least_q15,
                    share = (uint16_t)(2u * (uint16_t)self->share_q15);
     const uint16_t requested =
-        (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 2u);
+        (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 4u);
     const uint16_t most = (uint16_t)(2u * least + least / 8u);
     return requested < least ? least : requested > most ? most : requested;
 }
@@ -306,7 +311,7 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
     if (!blow->impacting) {
         self->state = SCREWING_RUN_IN;
     } else if (self->state == SCREWING_RUN_IN) {
-        if (blow->count >= 2u) {
+        if (blow->count >= RUN_IN_BLOWS) {
             self->share_q15 = set->share_q15;
             settle(self);
         }

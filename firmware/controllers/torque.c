@@ -299,7 +299,8 @@ static void set_duty(Torque *self, uint16_t supply_mv) {
 static void decide(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in,
                    const Blow *blow) {
     const TorqueState next = next_state(self, in, blow);
-    if (next != self->state) {
+    self->entered = next != self->state;
+    if (self->entered) {
         enter(self, next, set->target_nm, in);
     } else {
         set_duty(self, in->supply_mv);
@@ -326,6 +327,7 @@ static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs
 int16_t torque_step(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in,
                     const Blow *blow) {
     BY_POINTER(self);
+    self->entered = false;
     if (self->state != TORQUE_OVER) {
         move_level(self, in);
         act(self, set, in, blow);

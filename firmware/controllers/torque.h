@@ -45,6 +45,7 @@ typedef struct {
     uint16_t ticks;          // in this state; in LEVEL and RAISED from reaching the level on
     uint8_t full_decisions;  // consecutive decisions with the bridge fully on
     uint8_t gathered;        // ticks in sum_a_q7, 1 to 3
+    bool entered;            // a state, in the last step
     int16_t sum_a_q7;        // of currents
     int16_t duty_q15;
     int16_t level_mv;      // requested
@@ -60,9 +61,10 @@ typedef struct {
     int32_t slow_a_q24;     // and three times
 } Torque;
 
-// Whether the last step ran the filters of current and voltage, its most expensive computation.
-static inline bool torque_has_measured(const Torque *self) {
-    return self->gathered == 0u;
+// Whether the last step did one of its two most expensive computations: the filters of current and
+// voltage, or a change of state.
+static inline bool torque_was_heavy(const Torque *self) {
+    return self->gathered == 0u || self->entered;
 }
 
 void torque_start(Torque *self, const TorqueSetpoints *set);

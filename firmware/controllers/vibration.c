@@ -25,9 +25,11 @@
 #define TURN_Q8 469u     // 1/256 turn in 2^-1 rpm ms: 60,000 * 2 / 256
 #define MOHM_MAX 511u    // limit of the setpoint in the computation
 
-// At a bus voltage below 16.9 V the third climb on a hard joint would end on top of a lug.
+// At a bus voltage below 16.9 V, and where a trigger that is pulled partly leaves less than LOW_MV
+// of the bus, the third climb on a hard joint would end on top of a lug.
 #define LOW_SURGE_A_Q9 Q(30.5, 9)
 #define LOW_256MV 66u  // 16.9 V in steps of 256 mV
+#define LOW_MV 15000u
 
 // Computations of the first ticks, one per tick, in their order.
 typedef enum {
@@ -35,6 +37,7 @@ typedef enum {
     PREPARE_RESUMED,
     PREPARE_EMF,
     PREPARE_SURGE,
+    PREPARE_RISE,
     PREPARE_CLIMB,
 } Prepare;
 
@@ -104,10 +107,14 @@ static uint8_t next_phase(const Vibration *self, const ControllerInputs *in,
 // drop in the winding.
 static int16_t surge(const Vibration *self, const ControllerInputs *in) {
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
-    if (in->current_a_q9 >= self->surge_a_q9) {
+    const int16_t surge_a_q9 =
+        (uint16_t)in->trigger_q15 < self->low_q15 && self->surge_a_q9 > LOW_SURGE_A_Q9
+            ? LOW_SURGE_A_Q9
+            : self->surge_a_q9;
+    if (in->current_a_q9 >= surge_a_q9) {
         return self->duty_q15;
     }
-    const uint16_t rest_a_q9 = (uint16_t)self->surge_a_q9 - (uint16_t)in->current_a_q9;
+    const uint16_t rest_a_q9 = (uint16_t)surge_a_q9 - (uint16_t)in->current_a_q9;
     const uint16_t wanted_q15 =
         (uint16_t)((uint16_t)in->duty_q15 + high_word((uint32_t)rest_a_q9 * self->rise_q16));
     const uint16_t duty_q15 = wanted_q15 < most_q15 ? wanted_q15 : most_q15;
@@ -188,6 +195,9 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
             (uint8_t)(in->supply_mv >> 8) < LOW_256MV && set->surge_a_q9 > LOW_SURGE_A_Q9
                 ? LOW_SURGE_A_Q9
                 : set->surge_a_q9;
+        self->low_q15 = divide_by_u16((uint32_t)LOW_MV << 15, in->supply_mv);
+        break;
+    case PREPARE_RISE:
         self->rise_q16 = divide_by_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
         break;
     case PREPARE_CLIMB:

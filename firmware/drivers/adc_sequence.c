@@ -11,6 +11,7 @@
 #define FIRST_USABLE (HAL_FIRST_SAMPLE_CYCLES + HAL_LATENCY_CYCLES)
 #define LATE_SAMPLES 6u  // conversions during the longest delay of a tick; more: the count is wrong
 #define LEFT_BEHIND 2u   // samples kept after a surplus, so that the next tick has enough
+#define MARK 0x8000u     // of a sample that the interrupt has found beyond the trip
 
 // Every fourth slot, from the third on, is not a current sample: found without a table.
 #define OTHER_EVERY 4u
@@ -86,12 +87,14 @@ static void take_other(AdcTick *out, uint8_t channel, uint16_t counts) {
     out->fresh = (uint8_t)(out->fresh | bit);
 }
 
-// A sample beyond the trip; saturated samples are a subset of these.
-static void note_beyond(AdcTick *out, uint16_t counts) {
+// Counts of a marked sample, beyond the trip; saturated samples are a subset of these.
+static uint16_t unmarked(AdcTick *out, uint16_t marked) {
+    const uint16_t counts = (uint16_t)(marked & ~MARK);
     out->trips = true;
     if (counts == 0u || counts == ADC_SEQUENCE_TOP_COUNT) {
         out->saturated = true;
     }
+    return counts;
 }
 
 void adc_sequence_tick(AdcSequence *self, AdcTick *out) {
@@ -102,21 +105,19 @@ void adc_sequence_tick(AdcSequence *self, AdcTick *out) {
     uint8_t due = samples_due(self, &out->lost);
     uint8_t slot = self->tail;
     self->tail = (uint8_t)(slot + due);
-    const uint16_t low = self->trip_low;
-    const uint16_t span = (uint16_t)(self->trip_high - low);
     uint16_t sum = 0;
     uint8_t count = 0;
     for (; due > 0u; due--, slot++) {
-        const uint16_t counts = sample_of(self, slot);
+        uint16_t counts = sample_of(self, slot);
         if (slot % OTHER_EVERY == OTHER_AT) {
             take_other(out, adc_sequence_channel(slot), counts);
             continue;
         }
+        if ((counts & MARK) != 0u) {
+            counts = unmarked(out, counts);
+        }
         sum = (uint16_t)(sum + counts);
         count++;
-        if ((uint16_t)(counts - low) > span) {
-            note_beyond(out, counts);
-        }
     }
     out->current_sum = sum;
     out->current_count = count;
@@ -132,7 +133,8 @@ bool adc_sequence_on_result(AdcSequence *self, uint16_t counts) {
     const uint8_t at = head % ADC_SEQUENCE_RING;
     self->head = (uint8_t)(head + 1u);
     self->low[at] = (uint8_t)counts;
-    self->high[at] = (uint8_t)(counts >> 8);
     self->next_channel = self->after[at];
-    return head % OTHER_EVERY != OTHER_AT && trips(self, counts);
+    const bool beyond = head % OTHER_EVERY != OTHER_AT && trips(self, counts);
+    self->high[at] = (uint8_t)(beyond ? (counts | MARK) >> 8 : counts >> 8);
+    return beyond;
 }

@@ -46,9 +46,22 @@ void uart_on_tick(Uart *self) {
     self->receive_limit = self->receive.head;
 }
 
+void uart_on_apply(Uart *self) {
+    if (self->refuses && self->receive.tail == self->receive.head) {
+        self->refuses = false;
+        hal_uart_receive(true);
+    }
+}
+
 void uart_on_received(Uart *self, uint8_t byte, bool damaged) {
-    const bool kept = !damaged && ring_push_byte(&self->receive, byte);
-    if (!kept && self->receive_errors < UINT8_MAX) {
+    if (!damaged && ring_push_byte(&self->receive, byte)) {
+        return;
+    }
+    if (!damaged) {
+        self->refuses = true;
+        hal_uart_receive(false);
+    }
+    if (self->receive_errors < UINT8_MAX) {
         self->receive_errors = (uint8_t)(self->receive_errors + 1u);
     }
 }

@@ -60,6 +60,7 @@ void hal_apply_at(bool later);
 uint8_t hal_switches(void);  // HAL_SWITCH_*, closed = 1
 void hal_uart_start(uint8_t baud);
 void hal_uart_wake(void);                       // bytes are in the transmit ring
+void hal_uart_receive(bool on);                 // off: bytes are lost; on: with the next byte
 uint16_t hal_tick_cycles(uint16_t tick_stamp);  // cycles since the tick
 uint16_t hal_stack_free(void);                  // bytes that the stack has never used
 uint8_t hal_reset_cause(void);     // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog

@@ -346,8 +346,8 @@ uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const Telem
     uint8_t frames = 0;
     if (!in->hold_state) {
         note_state(self, in);
+        note_control(self, in);
     }
-    note_control(self, in);
     note_second(self, in->now_ms);
     self->health_packed = false;
     if (self->boot.fast_divider > 1u) {

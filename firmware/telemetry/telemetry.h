@@ -40,7 +40,7 @@ typedef struct {
     TelemetryHealth health;
     TelemetryParams params;
     bool hold_slow;   // no slow frame in this tick, which has other work
-    bool hold_state;  // `state` is not updated in this tick
+    bool hold_state;  // `state` and `control` are not updated in this tick
 } TelemetryInputs;
 
 typedef struct {

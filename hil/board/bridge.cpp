@@ -211,23 +211,10 @@ void Bridge::end_period(Cycle start, Cycle end) {
     }
     current_.changes.clear();
     current_.latched = {machine_.peek(OCR0A), machine_.peek(OCR0B)};
-    const auto [high_below, low_above] = current_.latched;
-    if (high_below > 0 && low_above < TIMER_TOP && low_above > high_below) {
-        dead_counts_ = low_above - high_below;
-    }
 }
 
-// Compare value in the middle of the two registers; where one is clipped at an end of the range, it
-// follows from the other and the dead time.
-int Bridge::leg_a_compare() const {
-    const auto [high_below, low_above] = current_.latched;
-    const int below = dead_counts_ / 2;
-    if (high_below == low_above) {
-        return high_below;
-    }
-    return low_above == TIMER_TOP ? high_below + below : low_above - (dead_counts_ - below);
-}
-
+// The counts between the two compare values of leg A, in which neither side is on, and their
+// middle.
 BridgeOutput Bridge::output() const {
     BridgeOutput output;
     const auto on = [this](int gate) {
@@ -239,8 +226,9 @@ BridgeOutput Bridge::output() const {
         return output;
     }
     output.coast = false;
-    output.compare = leg_a_compare() - (on(LEG_B_HIGH) ? TIMER_TOP : 0);
-    output.dead_counts = dead_counts_;
+    const auto [high_below, low_above] = current_.latched;
+    output.dead_counts = low_above - high_below;
+    output.compare = high_below + output.dead_counts / 2 - (on(LEG_B_HIGH) ? TIMER_TOP : 0);
     return output;
 }
 

@@ -75,7 +75,6 @@ private:
         Cycle low_off = -1000;
     };
 
-    int leg_a_compare() const;
     Drive drive_of(int gate) const;
     Drives drives_now() const;
     static bool level(const Period &period, const Drives &drives, int gate, Cycle at);
@@ -90,7 +89,6 @@ private:
     Cycle least_dead_;
     Period current_;
     Period last_;
-    int dead_counts_ = 0;   // of the last period with neither register clipped
     bool skipped_ = false;  // the last period was equal to the previous one and not checked
     std::array<Leg, 2> legs_{};
     Cycle shortest_dead_ = NEVER;

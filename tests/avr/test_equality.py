@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from builds import BUILDS, RUNS
 from command_load import command_load_tape
+from dead_time import DEAD_COUNTS, dead_time_tape
 from equality import Difference, bridge_differences, damaged, differences, periods_of, sent_bytes
 from exercise import DURATION_S, record_tape
 from impact import acted, impact_tape, random_tape
@@ -93,6 +94,23 @@ def test_commands_at_every_phase_are_equal_bit_for_bit(
     target: str, request: pytest.FixtureRequest
 ) -> None:
     native_equals_avr(command_load_tape(), target, request)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_small_duties_after_a_change_of_the_dead_time_are_equal_bit_for_bit(
+    target: str, request: pytest.FixtureRequest
+) -> None:
+    native_equals_avr(dead_time_tape(), target, request)
+
+
+def test_a_gate_that_the_dead_time_keeps_off_shortens_it() -> None:
+    periods = periods_of(sil.replay(dead_time_tape(), target=1))
+    found = {(p.compare, p.dead_counts) for p in periods if not p.coast}
+    clipped = {(compare, dead) for compare, dead in found if 0 < compare < DEAD_COUNTS // 2}
+    assert len(clipped) >= 3
+    for compare, dead in clipped:
+        assert dead - 2 * compare in (0, 1), "the high side is off, the low side dead counts long"
+    assert {dead for compare, dead in found if 30 < compare < 225} == {DEAD_COUNTS}
 
 
 @pytest.mark.parametrize(("case", "target"), RUNS)

@@ -206,7 +206,8 @@ def torque() -> list[str]:
     ]
 
 
-# Part with drawn values -> title, columns: (title, key, form). A share has the form "%".
+# Part with drawn values -> title, columns: (title, key, form). A share has the form "%", a count
+# none, another number its format.
 DRAWN = {
     "control_blows_drawn": (
         "Blow count between chosen values",
@@ -237,6 +238,38 @@ DRAWN = {
         ],
         ("steady_out_low", "steady_out_high"),
     ),
+    "control_screwing_drawn": (
+        "Precise screwing between chosen values",
+        [
+            ("tool", "stratum", ""),
+            ("variant", "variant", ""),
+            ("screws", "screws", ""),
+            ("impact rate change, small and soft", "rate_change_soft", "%"),
+            ("past the seat in deg, median", "past_deg_median", ".0f"),
+            ("time with / without, mean", "time_ratio", ".2f"),
+            ("slowest group", "time_group", ".2f"),
+            ("past the ramp", "stripped", ""),
+            ("not seated in 45 s", "never", ""),
+            ("stopped before the seat", "early", ""),
+        ],
+        ("early_low", "early_high"),
+    ),
+    "control_vibration_drawn": (
+        "Low vibration between chosen values",
+        [
+            ("tool", "stratum", ""),
+            ("variant", "variant", ""),
+            ("cells", "cells", ""),
+            ("RMS change, mean", "change", "%"),
+            ("95 % quantile", "change_tail", "%"),
+            ("worst", "worst", "%"),
+            ("mean from 16 V on", "full_change", "%"),
+            ("mean from 0.15 s after the first blow on", "late", "%"),
+            ("time", "time", "%"),
+            ("above +5 %", "above", ""),
+        ],
+        ("above_low", "above_high"),
+    ),
     "control_torque_drawn": (
         "Torque control between chosen values",
         [
@@ -252,6 +285,13 @@ DRAWN = {
         ("untold_low", "untold_high"),
     ),
 }
+
+
+def in_form(value: float, form: str) -> str | float:
+    """A figure in the form of its column in DRAWN."""
+    if form == "%":
+        return percent(value, ".1f")
+    return format(value, form) if form else value
 
 
 def drawn(name: str) -> list[str]:
@@ -270,7 +310,7 @@ def drawn(name: str) -> list[str]:
             (*(column[0] for column in columns), "share, 95 % interval"),
             (
                 (
-                    *(percent(row[key], ".1f") if form else row[key] for _, key, form in columns),
+                    *(in_form(row[key], form) for _, key, form in columns),
                     f"{100 * row[low]:.1f}..{100 * row[high]:.1f} %",
                 )
                 for row in rows

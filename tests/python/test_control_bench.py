@@ -22,11 +22,13 @@ from vgroove.control_bench import (
     drill,
     scores,
     screwing,
+    screwing_drawn,
     sync,
     sync_drawn,
     torque,
     torque_drawn,
     vibration,
+    vibration_drawn,
 )
 from vgroove.control_bench.control import PARTS, Choice
 from vgroove.control_bench.figures import WAVES, image_path
@@ -241,6 +243,65 @@ def test_the_joints_of_drawn_blow_counts_are_those_of_the_table() -> None:
         else:
             nominal = REFERENCE_JOINTS[cell["size"]].load["end_nm"]
             assert load["end_nm"] == pytest.approx(cell["wood"] * nominal)
+
+
+def screw_row(seed: int, variant: str, **figures: Any) -> dict[str, Any]:
+    cell = {"size": "m6", "supply_v": 17.0 + seed, "wood": 1.1, "trigger": 0.9, "knot": False}
+    done = {"rate_per_s": 40.0, "past_deg": 30.0, "blow_deg": 10.0, "seat_s": 2.0}
+    ends = {"stripped": False, "early": False, "never": False}
+    return {"seed": seed, "variant": variant, **cell, **done, **ends, **figures}
+
+
+def test_drawn_screws_are_compared_pair_by_pair() -> None:
+    rows = [screw_row(n, "without") for n in range(3)]
+    rows += [screw_row(0, "screwing", rate_per_s=20.0, seat_s=4.0)]
+    rows += [screw_row(1, "screwing", rate_per_s=30.0, seat_s=6.0, stripped=True, past_deg=95.0)]
+    rows += [screw_row(2, "screwing", rate_per_s=25.0, seat_s=5.0, early=True, past_deg=-90.0)]
+    found = screwing_drawn.compare(rows, "screwing")
+    assert found["rate_change_soft"] == pytest.approx(-0.375)
+    assert found["rate_low"] < -0.375 < found["rate_high"]
+    assert (found["stripped"], found["early"]) == (1, 1)
+    assert found["stripped_low"] < 1 / 3 < found["stripped_high"]
+    assert found["time_ratio"] == pytest.approx(2.5)
+    assert found["time_group"] == pytest.approx(3.0), "the mean of 17.5 to 19 V"
+
+
+def test_drawn_screws_have_every_size_with_and_without_knot() -> None:
+    cells = screwing_drawn.cells(12)
+    assert {(c["size"], c["knot"]) for c in cells} == {
+        (size, knot) for size in screwing.SIZES for knot in (False, True)
+    }
+    knots = [c for c in cells if c["knot"]]
+    assert all("wood_knot" in screwing_drawn.rig_of(c).effects for c in knots[:4])
+
+
+def vibration_row(seed: int, variant: str, rms_nm: float | None, volt: float) -> dict[str, Any]:
+    cell = {"seed": seed, "variant": variant, "supply_v": volt, "trigger": 1.0}
+    return {**cell, "rms_nm": rms_nm, "late_nm": rms_nm, "time_s": 0.5}
+
+
+def test_drawn_vibration_is_judged_in_each_cell() -> None:
+    rows = [vibration_row(n, "without", 1.0, 15.0 + n) for n in range(4)]
+    after = (1.2, 0.8, 0.6, None)
+    rows += [vibration_row(n, "method 1", rms, 15.0 + n) for n, rms in enumerate(after)]
+    found = vibration_drawn.compare(rows, "method 1")
+    assert (found["cells"], found["not_compared"], found["above"]) == (4, 1, 1)
+    assert found["change"] == pytest.approx(-0.4 / 3)
+    assert found["worst"] == pytest.approx(0.2)
+    assert found["above_low"] < 1 / 3 < found["above_high"]
+    assert (found["full_cells"], found["full_change"]) == (2, pytest.approx(-0.3))
+
+
+def test_the_joints_of_drawn_vibration_are_those_of_the_table() -> None:
+    cells = vibration_drawn.cells(10)
+    assert {cell["kind"] for cell in cells} == set(vibration_drawn.KINDS)
+    for cell in cells:
+        load = vibration_drawn.rig_of(cell).load
+        if cell["kind"] == "hard_joint":
+            assert load["slip_slope_nm_per_rad"] == cell["slope"]
+        elif cell["kind"] != "disc_spring":
+            nominal = REFERENCE_JOINTS[cell["kind"]].load["seat_nm"]
+            assert load["seat_nm"] == pytest.approx(cell["wood"] * nominal)
 
 
 def housing_run(wave: Any, seconds: float = 3.0) -> Run:
@@ -705,6 +766,19 @@ def test_fifth_of_torque_control(fifth: Any) -> None:
 def test_fifth_of_torque_control_on_drawn_cells(fifth: Any) -> None:
     found = summary(fifth("torque_drawn"), draw.NOMINAL)
     assert found["runs"] >= 50 and found["untold"] == 0 and abs(found["mean_error"]) <= 0.01
+
+
+def test_fifth_of_precise_screwing_on_drawn_screws(fifth: Any) -> None:
+    found = summary(fifth("screwing_drawn"), "screwing")
+    assert found["stratum"] == "both" and found["screws"] >= 20
+    assert found["stripped"] <= 1 and found["early"] <= 1
+    assert found["rate_change_soft"] <= -0.2 and found["time_ratio"] <= 3.0
+
+
+@pytest.mark.parametrize("method", ["method 1", "method 2"])
+def test_fifth_of_low_vibration_on_drawn_cells(fifth: Any, method: str) -> None:
+    found = summary(fifth("vibration_drawn"), method)
+    assert found["cells"] >= 8 and found["change"] < 0.0 and found["time"] <= 0.05
 
 
 @pytest.mark.parametrize("gear", list(drill.GEARS))

@@ -86,7 +86,7 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
         "lds r30, %[head]\n\t"
         "subi r31, -%[size]\n\t"
         "cp r31, r30\n\t"
-        "breq 3f\n\t"
+        "breq 4f\n\t"
         "mov r31, r30\n\t"
         "inc r31\n\t"
         "sts %[head], r31\n\t"
@@ -106,10 +106,17 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
         "breq 2b\n\t"
         "sts %[errors], r24\n\t"
         "rjmp 2b\n\t"
+        "4: ldi r24, 1\n\t"  // queue full: off until hal_uart_receive
+        "sts %[refuses], r24\n\t"
+        "lds r24, %[control]\n\t"
+        "andi r24, %[silent]\n\t"
+        "sts %[control], r24\n\t"
+        "rjmp 3b\n\t"
         :
         : [keep_low] "I"(_SFR_IO_ADDR(GPIOR1)), [keep_high] "I"(_SFR_IO_ADDR(GPIOR2)),
-          [adcsra] "n"(_SFR_MEM_ADDR(ADCSRA)), [adif] "I"(ADIF),
-          [channel] "i"(&avr_app.adc.next_channel), [reference] "M"(1u << REFS0),
+          [control] "n"(_SFR_MEM_ADDR(UCSR0B)), [silent] "n"((uint8_t) ~(1u << RXCIE0)),
+          [refuses] "i"(&avr_app.uart.refuses), [adcsra] "n"(_SFR_MEM_ADDR(ADCSRA)),
+          [adif] "I"(ADIF), [channel] "i"(&avr_app.adc.next_channel), [reference] "M"(1u << REFS0),
           [admux] "n"(_SFR_MEM_ADDR(ADMUX)), [tifr] "I"(_SFR_IO_ADDR(TIFR0)), [tov] "I"(TOV0),
           [status] "n"(_SFR_MEM_ADDR(UCSR0A)), [data] "n"(_SFR_MEM_ADDR(UDR0)),
           [damaged] "M"((1u << FE0) | (1u << DOR0)), [tail] "i"(&avr_app.uart.receive.tail),

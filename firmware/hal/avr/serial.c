@@ -19,5 +19,19 @@ void hal_uart_start(uint8_t baud) {
 }
 
 void hal_uart_wake(void) {
+    const uint8_t lock = hal_lock();  // interrupts change the other bits
     UCSR0B = (uint8_t)(UCSR0B | (1u << UDRIE0));
+    hal_unlock(lock);
+}
+
+// The bytes that the receiver holds since it was off belong to different frames.
+void hal_uart_receive(bool on) {
+    if (!on) {
+        UCSR0B = (uint8_t)(UCSR0B & ~(1u << RXCIE0));
+        return;
+    }
+    while ((UCSR0A & (1u << RXC0)) != 0u) {
+        (void)UDR0;
+    }
+    UCSR0B = (uint8_t)(UCSR0B | (1u << RXCIE0));
 }

@@ -47,6 +47,10 @@ void hal_uart_start(uint8_t baud) {
     native.baud = baud;
 }
 
+void hal_uart_receive(bool on) {
+    native.receive_off = !on;
+}
+
 void hal_uart_wake(void) {
     native.woken++;
 }

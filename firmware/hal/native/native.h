@@ -26,6 +26,7 @@ typedef struct {
     uint16_t stack_free;
     uint16_t tick_cycles;
     uint32_t opened;  // number of calls
+    bool receive_off;
     uint32_t woken;
     uint32_t eeprom_writes;
     int32_t locks;  // hal_lock() less hal_unlock()

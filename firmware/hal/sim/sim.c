@@ -42,6 +42,7 @@ typedef struct {
     uint8_t eeprom[SIM_EEPROM_BYTES];
     SimBlow blows[SIM_BLOWS_MAX];
     uint16_t blow_count;
+    bool receive_off;
     uint64_t cycles;  // from the start of the timers to the beginning of the period
     uint32_t periods;
     int32_t tick_at;
@@ -104,6 +105,10 @@ uint8_t hal_switches(void) {
 
 void hal_uart_start(uint8_t baud) {
     sim.cycles_per_byte = baud == HAL_BAUD_115200 ? CYCLES_PER_BYTE_115200 : CYCLES_PER_BYTE_250000;
+}
+
+void hal_uart_receive(bool on) {
+    sim.receive_off = !on;
 }
 
 void hal_uart_wake(void) {
@@ -207,7 +212,9 @@ static void on_sample(void) {
 }
 
 static void on_received(void) {
-    app_on_received(&sim.app, sim.in.rx[sim.rx_next], false);
+    if (!sim.receive_off) {
+        app_on_received(&sim.app, sim.in.rx[sim.rx_next], false);
+    }
     sim.rx_next++;
 }
 
@@ -297,23 +304,16 @@ static void end_period(void) {
     sim.now = 0;
 }
 
-// Signed compare value of the two of leg A, which are dead_counts apart around it.
-static int16_t signed_compare(void) {
-    const uint8_t dead = sim.app.bridge.dead_counts;
-    int16_t leg_a = sim.low_above;
-    if (sim.low_above == HAL_COMPARE_MAX) {
-        leg_a = (int16_t)(sim.high_below == HAL_COMPARE_MAX ? HAL_COMPARE_MAX
-                                                            : sim.high_below + dead / 2u);
-    } else if (sim.low_above > 0u) {
-        leg_a = (int16_t)(sim.low_above - (dead - dead / 2u));
-    }
-    return sim.leg_b_high ? (int16_t)(leg_a - HAL_COMPARE_MAX) : leg_a;
-}
-
+// Of leg A while it is enabled: the counts between its two compare values, in which neither side is
+// on, and the signed compare value in their middle. Where the dead time exceeds the duty, one side
+// stays off and the counts between are fewer than the dead time.
 static void latch_bridge(void) {
+    const uint8_t between = (uint8_t)(sim.low_above - sim.high_below);
+    const int16_t leg_a = (int16_t)(sim.high_below + between / 2u);
+    const int16_t compare = sim.leg_b_high ? (int16_t)(leg_a - HAL_COMPARE_MAX) : leg_a;
     sim.out.coast = (uint8_t)(sim.enabled ? 0 : 1);
-    sim.out.compare = sim.enabled ? signed_compare() : 0;
-    sim.out.dead_counts = sim.app.bridge.dead_counts;
+    sim.out.compare = sim.enabled ? compare : 0;
+    sim.out.dead_counts = sim.enabled ? between : 0;
 }
 
 _Static_assert(sizeof(TorqueMap) == SIM_TORQUE_MAP_BYTES, "the map has no padding");

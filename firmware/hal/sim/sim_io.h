@@ -37,7 +37,7 @@ typedef struct __attribute__((packed)) {
 typedef struct __attribute__((packed)) {
     uint8_t coast;        // 1: all gates off in the next period
     int16_t compare;      // signed, -255..255, applied in the next period
-    uint8_t dead_counts;  // dead time in timer counts
+    uint8_t dead_counts;  // timer counts in which neither side of leg A is on, around compare
     uint8_t tx_count;
     uint8_t tx[SIM_BYTES_MAX];
 } SimOutputs;

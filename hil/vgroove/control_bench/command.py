@@ -37,8 +37,9 @@ def control_command(
         list[str] | None,
         typer.Option(
             "--part",
-            help="blows, blows_drawn, sync, sync_drawn, screwing, vibration, torque, torque_drawn, "
-            "torque_adapted, drill; again for more. Without: all.",
+            help="blows, blows_drawn, sync, sync_drawn, screwing, screwing_drawn, vibration, "
+            "vibration_drawn, torque, torque_drawn, torque_adapted, drill; again for more. "
+            "Without: all.",
         ),
     ] = None,
     half: Annotated[

@@ -11,23 +11,27 @@ from vgroove.control_bench import (
     bound,
     drill,
     screwing,
+    screwing_drawn,
     sync,
     sync_drawn,
     torque,
     torque_adapted,
     torque_drawn,
     vibration,
+    vibration_drawn,
 )
 from vgroove.control_bench.blows_drawn_page import blows_drawn_report
 from vgroove.control_bench.blows_page import blows_report
 from vgroove.control_bench.drill_page import drill_report
 from vgroove.control_bench.jobs import Figures, Job, run_jobs
+from vgroove.control_bench.screwing_drawn_page import screwing_drawn_report
 from vgroove.control_bench.screwing_page import screwing_report
 from vgroove.control_bench.sets import fifth
 from vgroove.control_bench.sync_drawn_page import sync_drawn_report
 from vgroove.control_bench.sync_page import sync_report
 from vgroove.control_bench.torque_drawn_page import ADAPTED, torque_drawn_report
 from vgroove.control_bench.torque_page import torque_report
+from vgroove.control_bench.vibration_drawn_page import vibration_drawn_report
 from vgroove.control_bench.vibration_page import vibration_report
 from vgroove.progress import step_bar
 from vgroove.report import Report, join_reports
@@ -111,6 +115,18 @@ def sync_drawn_part(choice: Choice) -> Report:
     return sync_drawn_report(rows_of(sync_drawn.jobs(cells), "drawn synchronisation", choice))
 
 
+def screwing_drawn_part(choice: Choice) -> Report:
+    """Precise screwing on drawn screws."""
+    cells = choice.of(screwing_drawn.cells(screwing_drawn.DRAWS * choice.draws))
+    return screwing_drawn_report(rows_of(screwing_drawn.jobs(cells), "drawn screwing", choice))
+
+
+def vibration_drawn_part(choice: Choice) -> Report:
+    """Low vibration on drawn cells."""
+    cells = choice.of(vibration_drawn.cells(vibration_drawn.DRAWS * choice.draws))
+    return vibration_drawn_report(rows_of(vibration_drawn.jobs(cells), "drawn vibration", choice))
+
+
 def torque_drawn_part(choice: Choice) -> Report:
     """Torque control on drawn cells."""
     cells = choice.of(torque_drawn.cells(torque_drawn.DRAWS * choice.draws))
@@ -138,7 +154,9 @@ PARTS: dict[str, Callable[[Choice], Report]] = {
     "sync": sync_part,
     "sync_drawn": sync_drawn_part,
     "screwing": screwing_part,
+    "screwing_drawn": screwing_drawn_part,
     "vibration": vibration_part,
+    "vibration_drawn": vibration_drawn_part,
     "torque": torque_part,
     "torque_drawn": torque_drawn_part,
     "torque_adapted": torque_adapted_part,

@@ -150,6 +150,11 @@ def work(variant: Variant, **cell: Any) -> Figures:
     """One screw."""
     trigger, seed = cell["trigger"], cell["seed"]
     rig = screw(cell["size"], cell["supply_v"], cell["wood"], cell["knot"], seed)
+    return drive(variant, rig, trigger, seed)
+
+
+def drive(variant: Variant, rig: Rig, trigger: float, seed: int) -> Figures:
+    """One drive of a tool on a screw; without control the operator ends it."""
     if variant.name == PLAIN.name:
         return screw_figures(plain_run(rig, trigger, seed))
     run = sil_run(

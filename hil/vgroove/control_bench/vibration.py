@@ -55,17 +55,22 @@ def cells() -> list[dict[str, Any]]:
     ]
 
 
-@lru_cache(maxsize=32)
-def aim_rad(supply_v: float, load: str) -> float:
+def aim_of(rig: Rig, profile: Profile) -> float:
     """Head angle in rad that ends a run: that of 80 % of the torque that the uncontrolled tool
     reaches in 1 s, on a screw its seat; at most 4 turns.
     """
-    run = sil_run(reference(load, supply_v=supply_v), duration_s=PULL_S + TORQUE_S)
-    if load == "m8":
+    run = sil_run(rig, profile=profile, duration_s=PULL_S + TORQUE_S)
+    if rig.load["kind"] == "wood_screw":
         return min(run.seat_rad, MAX_TURNS * TURN_RAD)
     angle_rad = np.linspace(0.0, run.tool.head_rad, AIM_POINTS)
     reached = np.interp(TORQUE_SHARE * run.tightened_nm, run.slip_nm(angle_rad), angle_rad)
     return float(min(reached, MAX_TURNS * TURN_RAD))
+
+
+@lru_cache(maxsize=32)
+def aim_rad(supply_v: float, load: str) -> float:
+    """The aim of a reference joint at full trigger."""
+    return aim_of(reference(load, supply_v=supply_v), pull())
 
 
 def beyond(aim: float) -> Callable[[Any, Any], bool]:

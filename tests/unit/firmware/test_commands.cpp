@@ -107,6 +107,23 @@ TEST_F(HostTest, CalibrateOffsetBecomesAParameter) {
     EXPECT_EQ(read(OFFSET_INDEX), 517 * 16);
 }
 
+// A host that sends without waiting for the ACKs: the queue takes three commands, then the board
+// refuses bytes until it has taken them all.
+TEST_F(HostTest, AFullReceiveQueueLosesWholeCommandsAndTakesTheNext) {
+    run(400);
+    const std::size_t before = frames[TELEMETRY_ACK_ID].size();
+    for (int n = 0; n < 400; ++n) {
+        const Bytes frame =
+            frame_of(TELEMETRY_PARAM_READ_ID, {0, 0, 0, 0, 0, 0, static_cast<std::uint8_t>(n)});
+        to_board.insert(to_board.end(), frame.begin(), frame.end());
+    }
+    run(500);
+    EXPECT_GE(frames[TELEMETRY_ACK_ID].size() - before, 20u);
+    to_board.clear();
+    run(200);
+    EXPECT_EQ(read(OFFSET_INDEX), 512 * 16) << "the line works as before";
+}
+
 TEST_F(HostTest, CalibrateTriggerLearnsItsEnds) {
     run(400);
     ASSERT_EQ(calibrate(TELEMETRY_CALIBRATE_WHAT_TRIGGER), TELEMETRY_ACK_RESULT_OK);

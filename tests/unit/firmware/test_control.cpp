@@ -301,6 +301,33 @@ TEST(Control, SetpointsOfLowVibrationAreTheParametersOfTheSameName) {
     EXPECT_EQ(set.motor_rpm_per_v, 100 + PARAM_MOTOR_RPM_PER_V);
 }
 
+// Start and step are expensive: never in one tick.
+TEST(Control, AControllerIsStartedInTheTickAfterAChange) {
+    std::vector<int16_t> value(defaults(), defaults() + PARAM_COUNT);
+    Control control{};
+    const auto ready = [&](uint8_t mode, bool reverse) {
+        control_ready(&control, mode, reverse, value.data());
+        return control.start_due;
+    };
+    const auto settle = [&](uint8_t mode, bool reverse) {
+        EXPECT_TRUE(ready(mode, reverse));
+        EXPECT_FALSE(ready(mode, reverse));
+        EXPECT_FALSE(ready(mode, reverse)) << "nothing has changed";
+    };
+    settle(TELEMETRY_MODE_TORQUE, false);
+    EXPECT_EQ(control.mode, TELEMETRY_MODE_TORQUE);
+    settle(TELEMETRY_MODE_TORQUE, true);
+    EXPECT_EQ(control.mode, TELEMETRY_MODE_DUTY);
+    settle(TELEMETRY_MODE_SYNC, false);
+    value[PARAM_SYNC_LOW_MV] = static_cast<int16_t>(value[PARAM_SYNC_LOW_MV] + 1);
+    settle(TELEMETRY_MODE_SYNC, false);
+    const ControllerInputs in = impacting(1)[0];
+    control_step(&control, &in);
+    EXPECT_TRUE(control_has_stepped(&control));
+    settle(TELEMETRY_MODE_SYNC, false);
+    EXPECT_FALSE(control_has_stepped(&control));
+}
+
 TEST(Control, ThePlainModeReturnsTheTrigger) {
     Control control{};
     const Inputs tape = random_inputs(3);

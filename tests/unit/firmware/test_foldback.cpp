@@ -28,6 +28,24 @@ TEST(Foldback, BrakingCurrentRaisesTheDuty) {
     EXPECT_GT(foldback_step(&self, 0, -60 * 512), 0);
 }
 
+TEST(Foldback, EndsAtNoChangeBeforeItActsInTheOtherDirection) {
+    Foldback self = foldback();
+    for (int k = 0; k < 10; ++k)
+        foldback_step(&self, 20000, 60 * 512);
+    const int16_t lowered = foldback_step(&self, 20000, 60 * 512);
+    ASSERT_LT(lowered, 20000);
+    int16_t last = lowered;
+    bool ended = false;
+    for (int k = 0; k < 100; ++k) {
+        const int16_t duty = foldback_step(&self, 20000, -60 * 512);
+        ASSERT_GE(duty, last);
+        ended = ended || duty == 20000;
+        ASSERT_TRUE(ended || duty < 20000);
+        last = duty;
+    }
+    EXPECT_GT(last, 20000);
+}
+
 TEST(Foldback, ReturnsADutyForAnyInput) {
     Foldback self = foldback();
     for (int k = 0; k < 4000; ++k) {

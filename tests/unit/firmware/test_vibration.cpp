@@ -142,15 +142,18 @@ TEST(Vibration, SurgeHoldsItsCurrent) {
 }
 
 // With more current the third climb would end on top of a lug.
-TEST(Vibration, AWeakBatterySurgesWithLessCurrent) {
+TEST(Vibration, AWeakBatteryOrAPartialTriggerSurgesWithLessCurrent) {
     struct Wanted {
-        double supply_v, set_a, surge_a;
+        double supply_v, set_a, surge_a, trigger = 1.0;
     };
     for (const Wanted &wanted : {Wanted{16.89, 42, 30.5},
                                  {16.9, 42, 42},
                                  {16.0, 42, 30.5},
                                  {16.0, 20, 20},
-                                 {18.5, 20, 20}}) {
+                                 {18.5, 20, 20},
+                                 {20.0, 42, 42, 0.751},
+                                 {20.0, 42, 30.5, 0.749},
+                                 {20.0, 20, 20, 0.749}}) {
         VibrationSetpoints set = setpoints(CONTROLLER_METHOD_CURRENT);
         set.surge_a_q9 = static_cast<int16_t>(512 * wanted.set_a);
         Vibration self{};
@@ -158,6 +161,7 @@ TEST(Vibration, AWeakBatterySurgesWithLessCurrent) {
         vibration_start(&self, &set);
         ControllerInputs in = measured(0, 0);
         in.supply_mv = static_cast<uint16_t>(std::lround(1000 * wanted.supply_v));
+        in.trigger_q15 = static_cast<int16_t>(32767 * wanted.trigger);
         for (int ms = 0; ms < 5; ++ms)
             vibration_step(&self, &set, &in, &blow);
         self.phase = VIBRATION_SURGE;

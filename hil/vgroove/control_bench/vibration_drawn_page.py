@@ -1,0 +1,112 @@
+"""Tables of low vibration on drawn cells."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from vgroove.control_bench import vibration, vibration_drawn
+from vgroove.control_bench.draw import STRATA, seeds_line
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import PLAIN, Figures, present
+from vgroove.control_bench.sets import by_half
+from vgroove.page import table_from_dicts
+from vgroove.report import Report
+
+SUMMARY = [
+    ("tool", "stratum"),
+    ("variant", "variant"),
+    ("set", "set"),
+    ("cells", "cells"),
+    ("not compared", "not_compared"),
+    ("RMS change, mean", "change"),
+    ("95 % quantile", "change_tail"),
+    ("worst", "worst"),
+    ("above +5 %", "above"),
+    ("share, 95 % interval from", "above_low"),
+    ("to", "above_high"),
+    ("full voltage: cells", "full_cells"),
+    ("RMS change, mean", "full_change"),
+    ("later part: cells", "late_cells"),
+    ("RMS change, mean", "late"),
+    ("time change, mean", "time"),
+    ("time change, most", "time_most"),
+]
+WORST = [
+    ("tool", "stratum"),
+    ("variant", "variant"),
+    ("set", "set"),
+    ("supply in V", "supply_v"),
+    ("trigger", "trigger"),
+    ("start in rad", "start_rad"),
+    ("joint", "kind"),
+    ("slope in N m/rad", "slope"),
+    ("wood", "wood"),
+    ("RMS without", "plain_nm"),
+    ("RMS change", "rms_change"),
+]
+
+
+def summary(rows: Sequence[Figures]) -> list[Figures]:
+    """The figures of each stratum, method and half."""
+    found = []
+    for stratum in STRATA:
+        chosen = [row for row in rows if row["stratum"] == stratum]
+        for variant in dict.fromkeys(row["variant"] for row in chosen):
+            if variant != PLAIN.name:
+                for half, part in by_half(chosen):
+                    figures = vibration_drawn.compare(part, variant)
+                    found.append({"stratum": stratum, "set": half, **figures})
+    return found
+
+
+def goals(found: Sequence[Figures]) -> list[Goal]:
+    """The goals of each stratum and method."""
+    listed: list[Goal] = []
+    for f in found:
+        listed += goals_of(
+            f"{f['variant']}, {f['stratum']}",
+            f["set"],
+            ("RMS change, mean", f["change"], vibration.GOALS["mean"]),
+            ("RMS change at full voltage, mean", f["full_change"], vibration.GOALS["mean"]),
+            ("cells above +5 %", f["above"], 0),
+            ("time change, mean", f["time"], vibration.GOALS["time"]),
+        )
+    return listed
+
+
+def failed(rows: Sequence[Figures]) -> list[dict[str, Any]]:
+    """Cells whose RMS rises by more than the goal, the worst first."""
+    pairs = [
+        {
+            **after,
+            "plain_nm": before["rms_nm"],
+            "rms_change": after["rms_nm"] / before["rms_nm"] - 1.0,
+        }
+        for variant in dict.fromkeys(row["variant"] for row in rows)
+        for before, after in vibration_drawn.pairs(rows, variant)
+        if before["rms_nm"] and after["rms_nm"]
+    ]
+    above = [row for row in pairs if row["rms_change"] > vibration_drawn.WORST]
+    return sorted(above, key=lambda row: row["rms_change"], reverse=True)
+
+
+def vibration_drawn_report(rows: Sequence[Figures]) -> Report:
+    """The part `vibration_drawn` as a report."""
+    chosen = present(rows)
+    found = summary(chosen)
+    listed = goals(found)
+    tables = [
+        table_from_dicts("vibration_drawn_summary", "Low vibration, drawn cells", SUMMARY, found),
+        goals_table("vibration_drawn", listed),
+        table_from_dicts(
+            "vibration_drawn_failed", "Cells above +5 %, the worst first", WORST, failed(chosen)
+        ),
+    ]
+    data = {
+        "vibration_drawn": {
+            "summary": found,
+            "goals": [g.as_dict() for g in listed],
+            "cells": list(rows),
+        }
+    }
+    lines = [*part_lines(listed, rows, "low vibration"), seeds_line()]
+    return part_report(lines, tables, [], data)
