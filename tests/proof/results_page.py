@@ -41,6 +41,15 @@ OVERALL = {
 }
 
 
+# regime `measured`: key of a rate -> words, goal
+MEASURED = {
+    "single": ("one effect, named first", "85 %"),
+    "pair_both_named": ("two effects, both named", "65 %"),
+    "disturbances_named": ("disturbances alone, an effect named", "at most 10 %"),
+    "sure_and_wrong": ("wrong name with a probability of 0.9 or more", "at most 2 %"),
+}
+
+
 def read(name: str) -> dict[str, Any]:
     """One result by the name of its file."""
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
@@ -90,6 +99,33 @@ def blind_set(name: str) -> list[str]:
         "",
         *table(
             ("over all cases", ""), ((words, rate(rates[key])) for key, words in OVERALL.items())
+        ),
+    ]
+
+
+def measured_regime() -> list[str]:
+    """Rates and calibration of the regime `measured`."""
+    result = read("gap_bench_measured")
+    rates = result["rates"]["measured"]
+    return [
+        f"## Blind set of the diagnosis, regime `measured`, half `{result['set']}`",
+        "",
+        f"The first {result['cases']} cases with disturbances ([gap_bench](gap_bench.md)), engine",
+        f"{result['engine']}:",
+        f"`vgroove gap bench --set {result['set']} --regime measured --count {result['cases']}`.",
+        "",
+        *table(
+            ("cases", "95 % interval", "goal"),
+            ((words, rate(rates[key]), goal) for key, (words, goal) in MEASURED.items()),
+        ),
+        "",
+        *table(
+            ("probability that the verdict gives", "mean", "true names"),
+            (
+                (f"{row['from']:.2f} .. {row['to']:.2f}", f"{row['said']:.2f}", rate(row))
+                for row in result["calibration_by_regime"]["measured"]
+                if row["of"]
+            ),
         ),
     ]
 
@@ -338,6 +374,7 @@ def page() -> str:
         demo(),
         blind_set("gap_bench"),
         blind_set("gap_bench_tune"),
+        measured_regime(),
         growth(),
         speed(),
         trap(),
