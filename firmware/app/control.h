@@ -77,7 +77,7 @@ int16_t control_step(Control *self, const ControllerInputs *in);
 // Whether the last step used so many cycles that the tick has no room for a slow frame.
 bool control_was_heavy(const Control *self);
 
-// Whether there is a drive to report: a started controller has nothing yet.
+// Whether the controller has made a step since its start: before that there is no drive to report.
 bool control_has_stepped(const Control *self);
 
 // Telemetry of the drive: every signal of the frame but control_tick.

@@ -46,7 +46,7 @@ typedef struct {
     int16_t limit_q15;    // duty limit on a hard joint
     uint16_t top_mv;      // greatest back-EMF of the approach
     uint16_t turned;      // angle since the dip, mV ms / 16
-    uint16_t low_q15;     // duty of the trigger below which the surge is lower
+    uint16_t low_q15;     // duty; below it the trigger gets the lower surge current
     uint16_t climb_turn;  // angle at which the hammer is released
     int16_t surge_a_q9;   // current after the release
     uint16_t mohm_q7;

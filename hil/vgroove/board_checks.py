@@ -1,5 +1,5 @@
-"""Checks of the logs around a run on a board: the earlier logs that it is to be diagnosed with,
-before the run, and the recorded one after it.
+"""Checks of logs for a run on a board: before the run, of the earlier logs that are diagnosed
+together with its log; after the run, of the recorded log.
 """
 
 from collections.abc import Sequence

@@ -546,9 +546,9 @@ def _drop_standard_output() -> None:
 
 
 def main() -> None:
-    """Run the command line: a VgrooveError, and a standard output that cannot be written, are
-    reported on stderr with exit code 2; Ctrl-C gives exit code 130, a signal N that ends a run
-    128 + N.
+    """Run the command line. Exit codes: 2 after a VgrooveError or where a file or standard output
+    cannot be written, with a sentence on stderr; 1 where the reader of standard output has closed
+    it; 130 after Ctrl-C; 128 + N where signal N ended a run.
     """
     try:
         app()

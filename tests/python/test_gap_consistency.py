@@ -364,8 +364,16 @@ def test_the_best_of_all_fitted_sets_whose_members_are_established_is_named(
     """The selected set has the members a and b."""
     left = {"": 9.0, "a": 8.0, "b": 6.0, "d": 4.5, "a b": 3.0, "b c": 5.0, "a b c": 4.0}
     fits = {tuple(k.split()): SimpleNamespace(ids=tuple(k.split())) for k in left}
+
+    def score(one: SimpleNamespace) -> float:
+        return left[" ".join(one.ids)]
+
     state = SimpleNamespace(
-        fits=fits, retuned=fits[()], score=lambda one: left[" ".join(one.ids)], without=frozenset()
+        fits=fits,
+        retuned=fits[()],
+        score=score,
+        ranked=lambda: sorted(fits.values(), key=score),
+        without=frozenset(),
     )
 
     def member(search: object, one: SimpleNamespace, effect_id: str, _: object) -> SimpleNamespace:

@@ -24,7 +24,8 @@ void hal_uart_wake(void) {
     hal_unlock(lock);
 }
 
-// The bytes that the receiver holds since it was off belong to different frames.
+// Receiving begins with the next byte: what the receiver's two-byte buffer kept while the interrupt
+// was off is discarded, because the bytes between it and the next one are lost.
 void hal_uart_receive(bool on) {
     if (!on) {
         UCSR0B = (uint8_t)(UCSR0B & ~(1u << RXCIE0));

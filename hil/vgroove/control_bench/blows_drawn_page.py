@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from vgroove.control_bench import blows_drawn
-from vgroove.control_bench.draw import NOMINAL, STRATA, seeds_line
-from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.draw import NOMINAL
+from vgroove.control_bench.drawn_page import drawn_report, summaries
+from vgroove.control_bench.goals import Goal, goals_of, goals_table
 from vgroove.control_bench.jobs import Figures, present
-from vgroove.control_bench.sets import by_half
 from vgroove.page import table_from_dicts
 from vgroove.report import Report
 
@@ -43,16 +43,10 @@ FAILED = [
 ]
 
 
-def summary(rows: Sequence[Figures]) -> list[Figures]:
-    """The figures of each stratum, source and half."""
-    found = []
-    for stratum in STRATA:
-        chosen = [row for row in rows if row["stratum"] == stratum]
-        for variant in dict.fromkeys(row["variant"] for row in chosen):
-            for half, part in by_half([row for row in chosen if row["variant"] == variant]):
-                figures = blows_drawn.compare(part)
-                found.append({"stratum": stratum, "variant": variant, "set": half, **figures})
-    return found
+def of_source(rows: Sequence[Figures], source: str) -> Figures:
+    """The figures of the cells whose blows are counted by a source (variant)."""
+    chosen = [row for row in rows if row["variant"] == source]
+    return {"variant": source, **blows_drawn.compare(chosen)}
 
 
 def goals(found: Sequence[Figures]) -> list[Goal]:
@@ -75,7 +69,7 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
 def blows_drawn_report(rows: Sequence[Figures]) -> Report:
     """The part `blows_drawn` as a report."""
     chosen = present(rows)
-    found = summary(chosen)
+    found = summaries(chosen, of_source)
     listed = goals(found)
     failed = [r for r in chosen if blows_drawn.error_share(r) > blows_drawn.GOAL]
     tables = [
@@ -88,12 +82,5 @@ def blows_drawn_report(rows: Sequence[Figures]) -> Report:
             sorted(failed, key=blows_drawn.error_share, reverse=True),
         ),
     ]
-    data = {
-        "blows_drawn": {
-            "summary": found,
-            "goals": [g.as_dict() for g in listed],
-            "cells": list(rows),
-        }
-    }
-    lines = [*part_lines(listed, rows, "blow detection"), seeds_line()]
-    return part_report(lines, tables, [], data)
+    data = {"summary": found, "cells": list(rows)}
+    return drawn_report("blows_drawn", "blow detection", tables, listed, data)

@@ -68,7 +68,7 @@ def groups(rows: Sequence[Figures]) -> dict[tuple[str, str], list[Figures]]:
 
 
 def group_figures(rows: Sequence[Figures], variant: str) -> dict[str, Figures]:
-    """Name of a group -> screwing.compare of its screws."""
+    """Figures of a variant against no control (screwing.compare), by the name of a group."""
     return {
         f"{name} {span}": screwing.compare(chosen, variant)
         for (name, span), chosen in groups(rows).items()

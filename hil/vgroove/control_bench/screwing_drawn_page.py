@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 
 from vgroove.control_bench import screwing_drawn
-from vgroove.control_bench.draw import STRATA, seeds_line
-from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.draw import STRATA
+from vgroove.control_bench.drawn_page import ALL, drawn_report, summaries
+from vgroove.control_bench.goals import Goal, goals_of, goals_table
 from vgroove.control_bench.jobs import PLAIN, Figures, present
 from vgroove.control_bench.screwing import GOALS
 from vgroove.control_bench.sets import by_half
 from vgroove.page import table_from_dicts
 from vgroove.report import Report
 
-ALL = "both"  # strata together
 SUMMARY = [
     ("tool", "stratum"),
     ("variant", "variant"),
@@ -57,18 +57,6 @@ FAILED = [
 ]
 
 
-def summary(rows: Sequence[Figures]) -> list[Figures]:
-    """The figures of each stratum and of both, for each variant and half."""
-    found = []
-    for stratum in (*STRATA, ALL):
-        chosen = [row for row in rows if stratum in (ALL, row["stratum"])]
-        for variant in dict.fromkeys(row["variant"] for row in chosen):
-            for half, part in by_half(chosen):
-                figures = screwing_drawn.compare(part, variant)
-                found.append({"stratum": stratum, "set": half, **figures})
-    return found
-
-
 def groups(rows: Sequence[Figures]) -> list[Figures]:
     """The figures of each group of supplies, triggers, sizes and woods; both strata."""
     return [
@@ -106,7 +94,7 @@ def stripped_limit(screws: int) -> int:
 def screwing_drawn_report(rows: Sequence[Figures]) -> Report:
     """The part `screwing_drawn` as a report."""
     chosen = present(rows)
-    found = summary(chosen)
+    found = summaries(chosen, screwing_drawn.compare, (*STRATA, ALL))
     grouped = groups(chosen)
     listed = goals(found)
     failed = [r for r in chosen if r["variant"] != PLAIN.name and (r["stripped"] or r["early"])]
@@ -123,13 +111,5 @@ def screwing_drawn_report(rows: Sequence[Figures]) -> Report:
             sorted(failed, key=lambda row: row["past_deg"]),
         ),
     ]
-    data = {
-        "screwing_drawn": {
-            "summary": found,
-            "groups": grouped,
-            "goals": [g.as_dict() for g in listed],
-            "cells": list(rows),
-        }
-    }
-    lines = [*part_lines(listed, rows, "precise screwing"), seeds_line()]
-    return part_report(lines, tables, [], data)
+    data = {"summary": found, "groups": grouped, "cells": list(rows)}
+    return drawn_report("screwing_drawn", "precise screwing", tables, listed, data)

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from vgroove.control_bench import sync_drawn
-from vgroove.control_bench.draw import NOMINAL, STRATA, seeds_line
-from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.draw import NOMINAL
+from vgroove.control_bench.drawn_page import drawn_report, summaries
+from vgroove.control_bench.goals import Goal, goals_of, goals_table
 from vgroove.control_bench.jobs import PLAIN, Figures, present
-from vgroove.control_bench.sets import by_half
 from vgroove.page import table_from_dicts
 from vgroove.report import Report
 
@@ -46,18 +46,6 @@ WORST = [
 ]
 
 
-def summary(rows: Sequence[Figures]) -> list[Figures]:
-    """The figures of each stratum, variant and half."""
-    found = []
-    for stratum in STRATA:
-        chosen = [row for row in rows if row["stratum"] == stratum]
-        for variant in dict.fromkeys(row["variant"] for row in chosen):
-            for half, part in by_half(chosen):
-                figures = sync_drawn.compare(part, variant)
-                found.append({"stratum": stratum, "set": half, **figures})
-    return found
-
-
 def goals(found: Sequence[Figures]) -> list[Goal]:
     """The goals of the controllers with the nominal tool."""
     listed: list[Goal] = []
@@ -79,7 +67,7 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
 def sync_drawn_report(rows: Sequence[Figures]) -> Report:
     """The part `sync_drawn` as a report."""
     chosen = present(rows)
-    found = summary(chosen)
+    found = summaries(chosen, sync_drawn.compare)
     listed = goals(found)
     failed = [r for r in chosen if r["variant"] != PLAIN.name and not sync_drawn.in_step(r)]
     tables = [
@@ -98,12 +86,5 @@ def sync_drawn_report(rows: Sequence[Figures]) -> Report:
             sorted(failed, key=lambda row: row["clean"]),
         ),
     ]
-    data = {
-        "sync_drawn": {
-            "summary": found,
-            "goals": [g.as_dict() for g in listed],
-            "cells": list(rows),
-        }
-    }
-    lines = [*part_lines(listed, rows, "synchronisation"), seeds_line()]
-    return part_report(lines, tables, [], data)
+    data = {"summary": found, "cells": list(rows)}
+    return drawn_report("sync_drawn", "synchronisation", tables, listed, data)

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from vgroove.control_bench import vibration, vibration_drawn
-from vgroove.control_bench.draw import STRATA, seeds_line
-from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.drawn_page import drawn_report, summaries
+from vgroove.control_bench.goals import Goal, goals_of, goals_table
 from vgroove.control_bench.jobs import PLAIN, Figures, present
-from vgroove.control_bench.sets import by_half
 from vgroove.page import table_from_dicts
 from vgroove.report import Report
 
@@ -45,19 +44,6 @@ WORST = [
 ]
 
 
-def summary(rows: Sequence[Figures]) -> list[Figures]:
-    """The figures of each stratum, method and half."""
-    found = []
-    for stratum in STRATA:
-        chosen = [row for row in rows if row["stratum"] == stratum]
-        for variant in dict.fromkeys(row["variant"] for row in chosen):
-            if variant != PLAIN.name:
-                for half, part in by_half(chosen):
-                    figures = vibration_drawn.compare(part, variant)
-                    found.append({"stratum": stratum, "set": half, **figures})
-    return found
-
-
 def goals(found: Sequence[Figures]) -> list[Goal]:
     """The goals of each stratum and method."""
     listed: list[Goal] = []
@@ -92,7 +78,7 @@ def failed(rows: Sequence[Figures]) -> list[dict[str, Any]]:
 def vibration_drawn_report(rows: Sequence[Figures]) -> Report:
     """The part `vibration_drawn` as a report."""
     chosen = present(rows)
-    found = summary(chosen)
+    found = summaries(chosen, vibration_drawn.compare, without=PLAIN.name)
     listed = goals(found)
     tables = [
         table_from_dicts("vibration_drawn_summary", "Low vibration, drawn cells", SUMMARY, found),
@@ -101,12 +87,5 @@ def vibration_drawn_report(rows: Sequence[Figures]) -> Report:
             "vibration_drawn_failed", "Cells above +5 %, the worst first", WORST, failed(chosen)
         ),
     ]
-    data = {
-        "vibration_drawn": {
-            "summary": found,
-            "goals": [g.as_dict() for g in listed],
-            "cells": list(rows),
-        }
-    }
-    lines = [*part_lines(listed, rows, "low vibration"), seeds_line()]
-    return part_report(lines, tables, [], data)
+    data = {"summary": found, "cells": list(rows)}
+    return drawn_report("vibration_drawn", "low vibration", tables, listed, data)

@@ -20,7 +20,9 @@ REPEAT_STEP = 0.045  # part of the way to the next stage that each batch of simu
 
 
 class RepeatedProgress:
-    """A progress callback that can repeat its last text, which says that a stage goes on."""
+    """A progress callback. repeat() passes the text of the present stage on once more, whereupon a
+    progress bar moves within that stage (StageShare).
+    """
 
     def __init__(self, progress: Callable[[str], None]) -> None:
         self._progress, self._text = progress, ""

@@ -155,8 +155,9 @@ class _Rows:
             yield self._fast(lines, known) or self._careful(lines, known)
 
     def _fast(self, lines: list[str], known: Sequence[int]) -> _Chunk | None:
-        """The rows of these lines by the reader of numpy; None where one is blank, holds a quote
-        that is open or within a cell, another number of cells, or a cell that is no finite number.
+        """The rows of these lines, read by NumPy, which is fast. None if a line is blank, has an
+        open quote or a quote within a cell, too few or too many cells, or a cell that is no finite
+        number.
         """
         delimiter, text = self._delimiter, "".join(lines)
         if "_" in text:

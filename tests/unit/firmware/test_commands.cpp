@@ -107,8 +107,8 @@ TEST_F(HostTest, CalibrateOffsetBecomesAParameter) {
     EXPECT_EQ(read(OFFSET_INDEX), 517 * 16);
 }
 
-// A host that sends without waiting for the ACKs: the queue takes three commands, then the board
-// refuses bytes until it has taken them all.
+// A host that sends without waiting for the ACKs: the board's queue holds three commands. The board
+// discards further bytes until it has emptied the queue.
 TEST_F(HostTest, AFullReceiveQueueLosesWholeCommandsAndTakesTheNext) {
     run(400);
     const std::size_t before = frames[TELEMETRY_ACK_ID].size();

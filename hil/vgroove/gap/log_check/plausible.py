@@ -110,8 +110,8 @@ def _wrapped_finding(log: Log) -> list[Finding]:
 
 
 def _empty_findings(log: Log, rig: Rig | None) -> list[Finding]:
-    """Findings on columns without a value; one that would be compared with the simulation of the
-    rig refuses the log.
+    """Findings on columns that hold no value. The log is refused if such a column would be compared
+    with the simulation of the rig.
     """
     empty = [n for n in MEASURED if n in log.columns and not np.isfinite(log.columns[n]).any()]
     text = (

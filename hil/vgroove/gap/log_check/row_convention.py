@@ -25,8 +25,9 @@ COLUMNS = ("current_a", "position_rad")
 
 @dataclass(frozen=True)
 class ConventionRules:
-    """When a shift decides; checked on cases of the blind set with their rows as intervals and, by
-    a shifted command, as instants (docs/gap_bench.md).
+    """Limits within which a shift determines the convention. Their values were checked on cases of
+    the blind set (docs/gap_bench.md), whose rows are intervals, and on the same cases with the
+    command shifted by a row, so that the rows are instants.
     """
 
     blocks: int = 20  # of the jackknife

@@ -149,12 +149,13 @@ def measured_motion(run: MeasuredRun, rig: Rig) -> HeldMotion | None:
 class HeldRun(MeasuredRun):
     """A run whose shaft follows the measured motion; held: that motion; held_drive: the plant's
     input with short rows (see _with_short_rows), shifted_drive: the same with the driving column
-    shifted.
+    shifted, shift: that shift (rows,) in its unit.
     """
 
     held: HeldMotion | None = None
     held_drive: _core.LogInput | None = None
     shifted_drive: _core.LogInput | None = None
+    shift: np.ndarray | None = None
     nominal_gain: np.ndarray | None = None  # (rows,) GAIN of the rig; None until computed
 
 
@@ -213,7 +214,7 @@ def _held_simulation(
         out[GAIN] = run.nominal_gain[None, :]
     else:
         _, shifted = _row_by_row(run.shifted_drive, theta, states)
-        out[GAIN] = np.where(run.held.known, (shifted - gained) * inertia / _shift(run), 0.0)
+        out[GAIN] = np.where(run.held.known, (shifted - gained) * inertia / run.shift, 0.0)
     out["time_s"] = np.asarray(run.log.time_s, float)[None, :]
     return out
 
@@ -297,9 +298,15 @@ def _held_run(run: MeasuredRun, rig: Rig) -> HeldRun | None:
     others = [_along_motion(c, rig, motion) for c in run.channels if isinstance(c, RowChannel)]
     others = [c for c in others if c.column in ("current_a", "supply_v") and len(c.row)]
     values = vars(run) | {"channels": (channel, *others), "restarts": _first_restart(run)}
-    columns = _with_short_rows(run.driving)
-    moved = _with_short_rows(replace(run.driving, command=run.driving.command + _shift(run)))
-    return HeldRun(**values, held=motion, held_drive=columns.plant(), shifted_drive=moved.plant())
+    columns, shift = _with_short_rows(run.driving), _shift(run)
+    moved = _with_short_rows(replace(run.driving, command=run.driving.command + shift))
+    return HeldRun(
+        **values,
+        held=motion,
+        held_drive=columns.plant(),
+        shifted_drive=moved.plant(),
+        shift=shift,
+    )
 
 
 def _shift(run: MeasuredRun) -> np.ndarray:

@@ -387,9 +387,11 @@ class Search:
         limit = COMPARISON.near_best * min(self.score(f) for f in fits)
         return [f for f in fits if self.score(f) <= limit]
 
-    def ranked(self, size: int) -> list[Fit]:
-        """Fits of sets of one size, best first; equal scores in the order of their ids."""
-        mine = (f for k, f in self.fits.items() if len(k) == size and is_valid(f))
+    def ranked(self, size: int | None = None) -> list[Fit]:
+        """Fits of sets of one size, without one of all sets, best first; equal scores in the order
+        of their ids.
+        """
+        mine = (f for k, f in self.fits.items() if size in (None, len(k)) and is_valid(f))
         return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
 
 

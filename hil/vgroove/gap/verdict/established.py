@@ -8,11 +8,11 @@ from functools import cached_property
 
 from vgroove.gap.catalogue import SPECIAL_CASES
 from vgroove.gap.fitting.hypothesis import Fit
-from vgroove.gap.selection.candidate_sets import fit_set, fit_without
+from vgroove.gap.selection.candidate_sets import fit_set, fit_without, ids_without
 from vgroove.gap.selection.forward import grow, leaves_established_share
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import difference_interval
-from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key
+from vgroove.gap.selection.search_state import COMPARISON, Search, key
 from vgroove.gap.verdict import consistency
 from vgroove.gap.verdict.consistency import LIMITS
 from vgroove.gap.verdict.covariates import Covariates
@@ -26,6 +26,8 @@ class EstablishedLimits:
 
 
 ESTABLISHED = EstablishedLimits()
+# By id() of a fit: the fit, so that no other one gets its id, and whether it is established.
+Examined = dict[int, tuple[Fit, bool]]
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def established_set(search: Search, best: Fit, covariates: Covariates) -> Fit:
     Not only parts of the selected set are examined: a member may keep its size only beside another
     one that the selection left out.
     """
-    examined: dict[int, Fit | None] = {}
+    examined: Examined = {}
     found, before = without_doubtful(search, best, covariates), None
     while found is not before:
         if can_grow(search, found):
@@ -128,22 +130,19 @@ def can_grow(search: Search, one: Fit) -> bool:
     return 0 < len(one.ids) < STEPWISE.max_effects and leaves_established_share(search, one)
 
 
-def best_established(
-    search: Search, found: Fit, covariates: Covariates, examined: dict[int, Fit | None]
-) -> Fit:
+def best_established(search: Search, found: Fit, covariates: Covariates, examined: Examined) -> Fit:
     """The best fitted set that is better than `found` and whose members are all established;
-    `found` where there is none. examined: by id() of a fit, the fit where it is established, None
-    where it is not; sets that are examined are added.
+    `found` where there is none. Sets that are examined are added to `examined`.
     """
     limit = search.score(found)
-    for one in sorted(search.fits.values(), key=lambda f: (round(search.score(f), 9), f.ids)):
+    for one in search.ranked():
         if search.score(one) >= limit:
             break
         if id(one) not in examined and may_be_established(search, one):
             if len(examined) >= ESTABLISHED.tried:
                 continue
-            examined[id(one)] = one if is_established(search, one, covariates) else None
-        if examined.get(id(one)) is one and replaces(search, one, found):
+            examined[id(one)] = one, is_established(search, one, covariates)
+        if examined.get(id(one), (one, False))[1] and replaces(search, one, found):
             return one
     return found
 
@@ -158,11 +157,11 @@ def replaces(search: Search, one: Fit, found: Fit) -> bool:
 
 
 def may_be_established(search: Search, one: Fit) -> bool:
-    """Whether a set is valid and no fit without one of its members shows that this one gains less
-    than an established member.
+    """Whether no known fit without one of a set's members shows that this member gains less than an
+    established one.
     """
-    leaner = (search.fits.get(key([i for i in one.ids if i != member])) for member in one.ids)
-    return is_valid(one) and all(f is None or search.gains_share(one, f) for f in leaner)
+    leaner = (search.fits.get(key(ids_without(one, member))) for member in one.ids)
+    return all(f is None or search.gains_share(one, f) for f in leaner)
 
 
 def is_established(search: Search, one: Fit, covariates: Covariates) -> bool:
