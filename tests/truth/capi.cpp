@@ -4,38 +4,14 @@
 #include <cstdint>
 #include <cstring>
 
+#include "curve.hpp"
 #include "tool.hpp"
 
+using truth::Curve;
 using truth::Drive;
 using truth::Tool;
 
 namespace {
-
-// Piecewise linear curve through points with ascending times; a step is two points at one time.
-class Curve {
-public:
-    Curve(const double *t, const double *y, int n) : t_(t), y_(y), n_(n) {}
-    double at(double t) {
-        if (n_ == 0) {
-            return 0.0;
-        }
-        while (k_ + 1 < n_ && t_[k_ + 1] <= t) {
-            ++k_;
-        }
-        if (t <= t_[k_] || k_ + 1 >= n_) {
-            return y_[k_];
-        }
-        return y_[k_] + (y_[k_ + 1] - y_[k_]) * (t - t_[k_]) / (t_[k_ + 1] - t_[k_]);
-    }
-    double held(double t) {
-        (void)at(t);
-        return n_ > 0 ? y_[k_] : 0.0;
-    }
-
-private:
-    const double *t_, *y_;
-    int n_, k_ = 0;
-};
 
 // Part of the delay, drawn again every transport_hold_s. It has a random stream of its own, so that
 // all other random numbers are the same with and without it.

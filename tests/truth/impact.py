@@ -1,0 +1,154 @@
+"""Python interface of the generated impact tool (a shared library, by ctypes): runs for logs."""
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+from truth import _DOUBLES, Command, Run, _pointer, library_path
+
+INSIDE = (
+    "time_s",
+    "speed_rad_s",
+    "stored_j",
+    "input_j",
+    "lost_j",
+    "steps",
+    "twist_rad",
+    "travel_m",
+)
+MOST_BLOWS = 4000
+
+
+class _ImpactRun(ctypes.Structure):
+    _fields_ = [
+        ("time_s", _DOUBLES),
+        ("duty", _DOUBLES),
+        ("coast", _DOUBLES),
+        ("count", ctypes.c_int),
+        ("forward_nm", _DOUBLES),
+        ("backward_nm", _DOUBLES),
+        ("slip_count", ctypes.c_int),
+        ("slip_first_rad", ctypes.c_double),
+        ("slip_step_rad", ctypes.c_double),
+    ]
+
+
+@dataclass(frozen=True)
+class SlipTorque:
+    """Slip torques of a joint (n,) in N m, forwards and backwards, at head angles from `first_rad`
+    on at steps of `step_rad`; linear between them, constant beyond.
+    """
+
+    forward_nm: np.ndarray
+    backward_nm: np.ndarray
+    first_rad: float
+    step_rad: float
+
+
+@dataclass(frozen=True)
+class ImpactRun:
+    """Result of a run: `run` as of a tool without mechanism (the motor's side), the bench channels
+    (n,) at the ends of the rows, and the blows (m,).
+
+    A blow is the first touch of a lug: time, number of the gap, speed of approach, largest joint
+    torque until the next blow, head angle and motor angle.
+    """
+
+    run: Run
+    anvil_torque_nm: np.ndarray
+    anvil_angle_rad: np.ndarray
+    hammer_mm: np.ndarray
+    blow_s: np.ndarray
+    blow_gap: np.ndarray
+    approach_rad_s: np.ndarray
+    peak_nm: np.ndarray
+    head_rad: np.ndarray
+    blow_motor_rad: np.ndarray
+
+
+def _load() -> ctypes.CDLL:
+    lib = ctypes.CDLL(str(library_path()))
+    lib.truth_impact_new.restype = ctypes.c_void_p
+    lib.truth_impact_get.restype = ctypes.c_double
+    lib.truth_impact_set.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double]
+    lib.truth_impact_get.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
+    lib.truth_impact_free.argtypes = [ctypes.c_void_p]
+    lib.truth_impact_run.argtypes = [
+        ctypes.c_void_p,
+        ctypes.POINTER(_ImpactRun),
+        _DOUBLES,
+        ctypes.c_int,
+        _DOUBLES,
+    ]
+    lib.truth_impact_edges.argtypes = [ctypes.c_void_p, _DOUBLES, _DOUBLES]
+    lib.truth_impact_blows.argtypes = [ctypes.c_void_p, _DOUBLES, ctypes.c_int]
+    lib.truth_impact_inside.argtypes = [ctypes.c_void_p, _DOUBLES]
+    return lib
+
+
+class ImpactGenerator:
+    """One impact tool of the generator: named parameters in SI units (impact.hpp), and runs."""
+
+    _lib: ctypes.CDLL | None = None
+
+    def __init__(self, **params: float) -> None:
+        if ImpactGenerator._lib is None:
+            ImpactGenerator._lib = _load()
+        self._tool = ctypes.c_void_p(ImpactGenerator._lib.truth_impact_new())
+        self._arrays: list[np.ndarray] = []
+        self.set(**params)
+
+    def __del__(self) -> None:
+        if getattr(self, "_tool", None) and ImpactGenerator._lib is not None:
+            ImpactGenerator._lib.truth_impact_free(self._tool)
+
+    def set(self, **params: float) -> None:
+        """Set parameters; KeyError for one that does not exist."""
+        for name, value in params.items():
+            if ImpactGenerator._lib.truth_impact_set(self._tool, name.encode(), float(value)) != 0:
+                raise KeyError(f"the impact tool has no parameter {name}")
+
+    def get(self, name: str) -> float:
+        return ImpactGenerator._lib.truth_impact_get(self._tool, name.encode())
+
+    def inside(self) -> dict[str, float]:
+        """Stored energy, energies put in and lost since the start, and other states, by name."""
+        out = np.zeros(len(INSIDE))
+        ImpactGenerator._lib.truth_impact_inside(self._tool, _pointer(out))
+        return dict(zip(INSIDE, out.tolist(), strict=True))
+
+    def run(self, command: Command, slip: SlipTorque, row_s: np.ndarray) -> ImpactRun:
+        """Run from rest; rows end at `row_s` (n,), the first begins at 0.
+
+        Raises ArithmeticError where the integration diverges.
+        """
+        rows = np.ascontiguousarray(row_s, dtype=float)
+        out = np.zeros((len(rows), 8))
+        named = {
+            name: np.ascontiguousarray(getattr(command, name), dtype=float)
+            for name in ("time_s", "duty", "coast")
+        }
+        named |= {
+            name: np.ascontiguousarray(getattr(slip, name), dtype=float)
+            for name in ("forward_nm", "backward_nm")
+        }
+        self._arrays = list(named.values())  # the library keeps the addresses
+        message = _ImpactRun(
+            **{name: _pointer(array) for name, array in named.items()},
+            count=len(named["time_s"]),
+            slip_count=len(named["forward_nm"]),
+            slip_first_rad=slip.first_rad,
+            slip_step_rad=slip.step_rad,
+        )
+        lib = ImpactGenerator._lib
+        count = lib.truth_impact_run(
+            self._tool, ctypes.byref(message), _pointer(rows), len(rows), _pointer(out)
+        )
+        if count < 0:
+            raise ArithmeticError("the impact tool diverged")
+        edges, blows = np.zeros((2, count)), np.zeros((MOST_BLOWS, 6))
+        lib.truth_impact_edges(self._tool, _pointer(edges[0]), _pointer(edges[1]))
+        struck = min(lib.truth_impact_blows(self._tool, _pointer(blows), MOST_BLOWS), MOST_BLOWS)
+        order = np.argsort(edges[0], kind="stable")
+        run = Run(0.0, rows, *out.T[:5].copy(), edges[0][order], edges[1][order])
+        return ImpactRun(run, out[:, 5], out[:, 6], out[:, 7] * 1e3, *blows[:struck].T.copy())

@@ -1,0 +1,292 @@
+"""Makes folders with a measured-like log of the impact tool, rig and label:
+`make_impact_cases.py OUT --seed N --count M [--kind ...]`.
+"""
+
+import argparse
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from impact_cases import BENCH, ImpactSetting, effect_params, log_columns, simulate
+from impact_effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
+from impact_profiles import NAMES, draw_impact
+from impact_rigs import (
+    ImpactRig,
+    draw_impact_rig,
+    draw_impact_tool,
+    draw_tolerance,
+    impact_toml,
+)
+from impact_visible import Reference, largest, reference_of, visible_limit
+
+FORMATS = {
+    "time_s": "{:.6g}",
+    "duty": "{:.4f}",
+    "coast": "{:.0f}",
+    "supply_v": "{:.2f}",
+    "current_a": "{:.2f}",
+    "speed_rpm": "{:.1f}",
+    "anvil_torque_nm": "{:.2f}",
+    "anvil_angle_rad": "{:.5f}",
+    "hammer_mm": "{:.3f}",
+}
+JOINT_NAMES = ("locked", "hard_joint", "disc_spring", "wood_screw")
+KINDS = ("single", "none", "unlisted", "pair")
+# Of 20 mixed cases 13 singles, 3 without effect, 2 unlisted, 2 pairs
+MIXED = (
+    ("single",) * 4
+    + ("none",)
+    + ("single",) * 4
+    + ("pair", "unlisted", "none")
+    + ("single",) * 5
+    + ("pair", "unlisted", "none")
+)
+ATTEMPTS = 30
+LEAST_BLOWS = 12  # of the effect-free tool and of the log
+SLEWS = (None, None, 5.0, 10.0)  # per s, drawn
+
+
+class UnsuitableDraw(Exception):
+    """This draw makes no case; the next one is tried."""
+
+
+@dataclass(frozen=True)
+class ImpactOptions:
+    """Options of a set of cases; `tool` and `joint` are the shares of cases with a tool and a joint
+    off by the rig's tolerances, `bench` the share with bench channels; `sizes` are multiples of the
+    visible limit.
+    """
+
+    kinds: tuple[str, ...]
+    ids: tuple[str, ...]
+    sizes: tuple[float, float]
+    seconds: tuple[float, float]
+    joints: tuple[str, ...]
+    profiles: tuple[str, ...]
+    tool: float
+    joint: float
+    bench: float
+
+
+@dataclass(frozen=True)
+class ImpactCase:
+    """A drawn case: kind, setting, and the effects' sizes, multiples of the visible limit and
+    parameters.
+    """
+
+    kind: str
+    setting: ImpactSetting
+    sizes: dict[str, float]
+    multiples: dict[str, float]
+    params: dict[str, float]
+
+
+def effects_of(
+    kind: str, index: int, options: ImpactOptions, rng: np.random.Generator
+) -> list[str]:
+    """Ids of a case: singles by `index` in turns, pairs with a drawn effect that is not equivalent,
+    unlisted ones from outside the catalogue.
+    """
+    if kind == "none":
+        return []
+    if kind == "unlisted":
+        return [OUTSIDE_IDS[index % len(OUTSIDE_IDS)]]
+    first = options.ids[index % len(options.ids)]
+    if kind == "single":
+        return [first]
+    others = [i for i in options.ids if not set(accepted(BY_ID[i])) & set(accepted(BY_ID[first]))]
+    return [first, str(rng.choice(others))]
+
+
+def possible_joints(ids: list[str], options: ImpactOptions) -> list[str]:
+    """The joints of the options that show all effects."""
+    return [name for name in options.joints if all(name in BY_ID[i].joints for i in ids)]
+
+
+def draw_setting(ids: list[str], options: ImpactOptions, rng: np.random.Generator) -> ImpactSetting:
+    """Tool, joint and profile of a case."""
+    joints = possible_joints(ids, options)
+    if not joints:
+        raise UnsuitableDraw(f"no joint for {ids}")
+    slew = SLEWS[int(rng.integers(len(SLEWS)))]
+    bench = BENCH if rng.uniform() < options.bench else ()
+    rig = draw_impact_rig(str(rng.choice(joints)), rng, slew_per_s=slew, bench=bench)
+    known = rng.uniform() >= options.tool, rng.uniform() >= options.joint
+    tolerance = draw_tolerance(rig, not known[0], not known[1], rng)
+    rig = ImpactRig(**{**vars(rig), "tolerance": tolerance})
+    names = [n for n in options.profiles if n != "loosen" or not rig.locked]
+    if any(BY_ID[i].needs == "loosen" for i in ids):
+        names = ["loosen"]
+    if any(BY_ID[i].needs == "partial" for i in ids):
+        names = [n for n in names if n in ("levels", "ramp", "plain")] or ["levels"]
+    seconds = round(float(rng.uniform(*options.seconds)), 1)
+    tight = rig.joint != "hard_joint"
+    profile = draw_impact(str(rng.choice(names)), seconds, tight, rng)
+    seed = int(rng.integers(1, 2**31))
+    return ImpactSetting(rig, draw_impact_tool(rig, rng), profile, seconds, seed)
+
+
+def draw_impact_case(kind: str, index: int, options: ImpactOptions, seed: int) -> ImpactCase:
+    """A case; draws again where the tool does not hammer or an effect is not visible, up to
+    ATTEMPTS times.
+    """
+    reasons = []
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng([seed, index, attempt])
+        ids = effects_of(kind, index, options, rng)
+        try:
+            return attempt_case(kind, draw_setting(ids, options, rng), ids, options.sizes, rng)
+        except (UnsuitableDraw, ArithmeticError) as reason:
+            reasons.append(str(reason))
+    raise RuntimeError(f"no case of {kind} {index} in {ATTEMPTS} draws: {reasons[-3:]}")
+
+
+def attempt_case(
+    kind: str,
+    setting: ImpactSetting,
+    ids: list[str],
+    multiples: tuple[float, float],
+    rng: np.random.Generator,
+) -> ImpactCase:
+    """The case of a setting; raises UnsuitableDraw."""
+    if len(simulate(setting, {}).out.blow_s) < LEAST_BLOWS:
+        raise UnsuitableDraw("the tool hardly hammers")
+    sizes, times, params = {}, {}, {}
+    reference = reference_of(setting) if ids else None
+    for effect_id in ids:
+        sizes[effect_id], times[effect_id] = draw_size(reference, effect_id, multiples, rng)
+        params |= effect_params(setting, effect_id, sizes[effect_id])
+    if ids and len(simulate(setting, params).out.blow_s) < LEAST_BLOWS:
+        raise UnsuitableDraw("the tool with the effect hardly hammers")
+    return ImpactCase(kind, setting, sizes, times, params)
+
+
+def draw_size(
+    reference: Reference,
+    effect_id: str,
+    multiples: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """(size with its sign, multiple of the visible limit), the multiple log-uniform."""
+    sign = float(rng.choice([-1.0, 1.0])) if BY_ID[effect_id].signed else 1.0
+    multiple = float(np.exp(rng.uniform(*np.log(multiples))))
+    limit = visible_limit(reference, effect_id, sign)
+    top = largest(reference.setting, effect_id, sign)
+    if limit is None or limit * multiples[0] > top:
+        raise UnsuitableDraw(f"{effect_id} is hardly visible")
+    multiple = min(multiple, top / limit)
+    return sign * limit * multiple, multiple
+
+
+def write_log(path: Path, table: dict[str, np.ndarray]) -> None:
+    """The log as CSV."""
+    texts = [[FORMATS[name].format(v + 0.0) for v in values] for name, values in table.items()]
+    rows = [",".join(row) for row in zip(*texts, strict=True)]
+    path.write_text("\n".join([",".join(table), *rows]) + "\n", encoding="utf-8")
+
+
+def label_of(case: ImpactCase) -> dict[str, object]:
+    """The label of a case; `truth` are all changed parameters of the tool."""
+    setting, rig = case.setting, case.setting.rig
+    label = "effect" if case.kind in ("single", "pair") else case.kind
+    found = {
+        "label": label,
+        "ids": list(case.sizes) if label == "effect" else [],
+        "accept": [accepted(BY_ID[i]) for i in case.sizes] if label == "effect" else [],
+        "regime": "loose" if rig.tolerance else "exact",
+        "sizes": case.sizes,
+        "times_visible": {i: round(m, 3) for i, m in case.multiples.items()},
+        "truth": case.params,
+        "joint": "locked" if rig.locked else rig.joint,
+        "profile": setting.profile.name,
+        "bench": list(rig.bench),
+        "seed": setting.seed,
+    }
+    if label == "unlisted":
+        found["what"] = next(iter(case.sizes))
+    if rig.tolerance:
+        found["tool"] = {key: setting.tool[key] for key in rig.tolerance}
+    return found
+
+
+def write_impact_case(
+    folder: Path, kind: str, index: int, options: ImpactOptions, seed: int
+) -> str:
+    """Make one case and return a line about it."""
+    case = draw_impact_case(kind, index, options, seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_log(folder / "log.csv", log_columns(case.setting, case.params))
+    (folder / "rig.toml").write_text(impact_toml(case.setting.rig), encoding="utf-8")
+    label = label_of(case)
+    (folder / "label.json").write_text(json.dumps(label, indent=1) + "\n", encoding="utf-8")
+    sizes = ", ".join(f"{i} {s:.4g} (x{case.multiples[i]:.2f})" for i, s in case.sizes.items())
+    return f"{folder.name} {kind} {label['joint']} {label['profile']} {label['regime']} {sizes}"
+
+
+def parser_of_options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--kind", default="mixed", help=f"{', '.join(KINDS)}, mixed, with commas")
+    parser.add_argument("--ids", default="all", help="effects with commas, mechanism, drive or all")
+    parser.add_argument("--size", default="1.5:10", help="multiples of the visible limit, A:B")
+    parser.add_argument("--seconds", default="1.5:3", help="length of the logs, A:B")
+    parser.add_argument("--joints", default=",".join(JOINT_NAMES))
+    parser.add_argument("--profiles", default=",".join(NAMES))
+    parser.add_argument("--tool", type=float, default=0.0, help="share of rigs off by tolerances")
+    parser.add_argument("--joint", type=float, default=0.0, help="share of joints not known")
+    parser.add_argument("--bench", type=float, default=0.0, help="share with bench channels")
+    parser.add_argument("--jobs", type=int, default=1)
+    return parser
+
+
+def pair_of(text: str) -> tuple[float, float]:
+    """Two numbers of the form A:B."""
+    low, high = text.split(":")
+    return float(low), float(high)
+
+
+def ids_of(text: str) -> tuple[str, ...]:
+    """The effects of the option --ids."""
+    groups = {
+        group: tuple(e.id for e in CATALOGUE if e.group == group)
+        for group in ("mechanism", "drive")
+    } | {"all": tuple(e.id for e in CATALOGUE)}
+    return groups.get(text, tuple(text.split(",")))
+
+
+def main(arguments: list[str]) -> int:
+    args = parser_of_options().parse_args(arguments)
+    kinds = MIXED if args.kind == "mixed" else tuple(args.kind.split(","))
+    joints = tuple(args.joints.split(","))
+    options = ImpactOptions(
+        kinds,
+        tuple(i for i in ids_of(args.ids) if set(BY_ID[i].joints) & set(joints)),
+        pair_of(args.size),
+        pair_of(args.seconds),
+        joints,
+        tuple(args.profiles.split(",")),
+        args.tool,
+        args.joint,
+        args.bench,
+    )
+    serial = dict.fromkeys(KINDS, 0)
+    plan = []
+    for n in range(args.count):
+        kind = kinds[n % len(kinds)]
+        plan.append((args.out / f"case_{n:03d}", kind, serial[kind], options, args.seed))
+        serial[kind] += 1
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for line in pool.map(write_impact_case, *zip(*plan, strict=True)):
+            sys.stdout.write(line + "\n")
+            sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
