@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue import BY_ID, CATALOGUE, available
+from vgroove.gap.catalogue import BY_ID, CATALOGUE
 from vgroove.gap.cleaning.time_range import TimeRange
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
@@ -19,7 +19,7 @@ from vgroove.gap.residual.problem import Problem
 from vgroove.gap.result import Evidence, Verdict
 from vgroove.gap.selection.comparison import begin_in_better_comparison
 from vgroove.gap.selection.intervals import Estimate, best_estimate
-from vgroove.gap.selection.log_content import effect_scales, log_flags
+from vgroove.gap.selection.log_content import effect_scales, log_flags, shown_effects
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search import Selection, select
 from vgroove.gap.selection.search_state import Search
@@ -113,9 +113,9 @@ def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
     """
     rig, progress = problem.rig, RepeatedProgress(options.progress)
     options = replace(options, progress=progress)
-    engine = Engine(problem, effect_scales(problem), rig.tolerance, frozenset(rig.effects))
+    engine = Engine(problem, effect_scales(problem), problem.tolerance, frozenset(rig.effects))
     engine.on_work = progress.repeat
-    effects = available(log_flags(problem), frozenset(options.without))
+    effects = shown_effects(problem, frozenset(options.without))
     return begin_in_better_comparison(engine, effects, options)
 
 

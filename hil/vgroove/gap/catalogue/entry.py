@@ -6,7 +6,7 @@ pages. Standard library only: the plant's build reads the catalogue.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 from .keys import ANY, Key, choice
@@ -24,7 +24,9 @@ class Scales:
     coulomb (N m), viscous (N m s/rad) and the gear ratio are those of the rig; duration (s) is that
     of the longest log, interval (s) the median interval between rows. least_delay (s): a shorter
     delay of the command may come from the logger's choice of the instant that a row stands for.
-    clock: standard deviation of the relative error of the logger's clock.
+    clock: standard deviation of the relative error of the logger's clock. Of a hammering tool,
+    else 0: head_rad, the angle (rad) by which the joint's head turns in the longest log, and
+    joint_nm, the largest torque (N m) of the joint, both of the rig's simulation.
     """
 
     volt: float
@@ -43,6 +45,13 @@ class Scales:
     supply_ohm: float
     least_delay: float = 0.0
     clock: float = 0.02
+    head_rad: float = 0.0
+    joint_nm: float = 0.0
+
+    @property
+    def hammering(self) -> bool:
+        """Whether the tool has an impact mechanism."""
+        return self.joint_nm > 0.0
 
 
 OfScales = Callable[[Scales], float]
@@ -163,6 +172,7 @@ class Effect:
     fitted, a constant torque, because the other effect describes their mean.
     counted: the value is counted from the logs, not fitted.
     separations: runs that separate it from other effects for a known physical reason.
+    hammering: its parameters in a tool with impact mechanism, where their sizes differ.
     """
 
     id: str
@@ -183,6 +193,12 @@ class Effect:
     constant_beside: str = ""
     counted: bool = False
     separations: tuple[Separation, ...] = ()
+    hammering: tuple[Parameter, ...] = ()
+
+    def of_tool(self, scales: Scales) -> "Effect":
+        """The effect with the sizes, bounds and starts of the tool that the scales describe."""
+        use = scales.hammering and self.hammering
+        return replace(self, parameters=self.hammering) if use else self
 
     @property
     def has_phase(self) -> bool:

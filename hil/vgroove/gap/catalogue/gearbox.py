@@ -54,6 +54,40 @@ FLANKS = (
     ),
 )
 
+# A torque sensor between anvil and joint (docs/spec/model.md, section 6): 2,000 N m/rad, 0.2 N m
+# s/rad, 2e-5 kg m2
+COUPLER_BEFORE_JOINT = (
+    Parameter(
+        "stiffness_nm_per_rad",
+        "N m/rad",
+        constant(2000.0),
+        constant(50.0),
+        constant(1e5),
+        (0.3, 1.0, 3.0),
+        key=POSITIVE,
+        neutral=OFF_AT_INFINITY,
+        plausible=constant(2000.0),
+    ),
+    Parameter(
+        "damping_ratio",
+        "1",
+        constant(0.05),
+        constant(0.002),
+        constant(2.0),
+        (8.0,),
+        key=NOT_NEGATIVE,
+    ),
+    Parameter(
+        "inertia_kg_m2",
+        "kg m2",
+        constant(2e-5),
+        ZERO,
+        constant(1e-3),
+        (1.0,),
+        key=NOT_NEGATIVE,
+    ),
+)
+
 EFFECTS = (
     Effect(
         "load_dependent_friction",
@@ -121,6 +155,7 @@ EFFECTS = (
             ),
         ),
         less_likely=True,
+        hammering=COUPLER_BEFORE_JOINT,
         separations=(
             Separation(
                 "added_inertia",

@@ -41,5 +41,17 @@ EFFECTS = (
         ),
         needs=("impact",),
         loads=SLIPPING,
+        hammering=(
+            Parameter(
+                "torque_nm",
+                "N m",
+                lambda s: 0.2 * s.joint_nm,
+                constant(0.0),
+                constant(100.0),
+                (1.0,),
+            ),
+            Parameter("from_rad", "rad", lambda s: s.head_rad, starts=(0.0, 0.3, 0.6)),
+            Parameter("to_rad", "rad", lambda s: s.head_rad, starts=(0.4, 0.7, 1.0)),
+        ),
     ),
 )

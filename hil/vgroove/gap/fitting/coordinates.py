@@ -114,6 +114,7 @@ class HypothesisBuilder:
     def _of_effect(
         self, effect: Effect, ids: tuple[str, ...], known: dict[str, float]
     ) -> list[Started]:
+        effect = effect.of_tool(self.scales)
         if effect.constant_beside in ids:
             return [(self._constant_torque(effect), (0.0,))]
         pairs = [

@@ -8,7 +8,7 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue import DIAGNOSED_LOADS
+from vgroove.gap.catalogue import DIAGNOSED_LOADS, JOINTS
 from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.inputs import read_input
@@ -56,7 +56,8 @@ def mean_error(pairs: list[Pair], scaled: bool = False) -> float:
 
 def is_simulated(rig: Rig) -> bool:
     """Whether the plant can be driven by a log of this rig."""
-    return rig.mechanism["kind"] == "none" and rig.load["kind"] in DIAGNOSED_LOADS
+    loads = {"none": DIAGNOSED_LOADS, "impact": (*DIAGNOSED_LOADS, *JOINTS)}
+    return rig.load["kind"] in loads.get(rig.mechanism["kind"], ())
 
 
 def first_rows(log: Log, rig: Rig, rows: int = MAX_ROWS) -> Log:
@@ -81,10 +82,12 @@ def nominal_pairs(log: Log, rig: Rig, time_factor: float = 1.0) -> list[Pair]:
     columns = {name: np.asarray(values, float) for name, values in log.columns.items()}
     clean = CleanLog(log, rig, time_s, columns, log.source, [])
     plant = read_input(clean).columns.plant()
+    theta = rig.parameters()[None]
     try:
-        rows = _core.simulate_log(
-            plant, rig.parameters()[None], np.array([0]), NO_STATE, 1, unfinished="nan"
-        )
+        if rig.mechanism["kind"] == "impact":
+            rows = _core.simulate_impact(plant, theta, mode="fast")
+        else:
+            rows = _core.simulate_log(plant, theta, np.array([0]), NO_STATE, 1, unfinished="nan")
     except (RuntimeError, ValueError) as error:
         raise VgrooveError(f"the rig cannot be simulated along {log.source}: {error}") from error
     nominal = {

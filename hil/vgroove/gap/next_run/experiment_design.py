@@ -8,7 +8,9 @@ import numpy as np
 from vgroove import _core
 from vgroove.gap.catalogue import SEPARATIONS
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.next_run.impact_predictions import impact_profiles, predicted_statistics
 from vgroove.gap.next_run.menu import RunProfile, feasible_profiles, time_grid
+from vgroove.gap.residual.impact.problem import ImpactProblem
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict.decision import Finding
@@ -27,7 +29,7 @@ SIMULATED = {
     "position_rad": ("speed_measured_rad_s", 1.0),
 }
 # covariate that a remainder follows -> run in which the covariate varies most
-DEFAULT_RUN = "staircase"
+DEFAULT_RUN, DEFAULT_IMPACT_RUN = "staircase", "three supplies"
 RUN_OF_COVARIATE = {
     "time since start": "hold at heat",
     "heat": "hold at heat",
@@ -52,7 +54,8 @@ def propose(problem: Problem, search: Search, finding: Finding) -> NextExperimen
 def repeating_run(problem: Problem, follows: str | None) -> NextExperiment:
     """The run in which the covariate that the remainder follows varies most."""
     runs = {c.name: c for c in runs_of(problem)}
-    profile = runs.get(RUN_OF_COVARIATE.get(follows or "", ""), runs[DEFAULT_RUN])
+    default = runs[DEFAULT_IMPACT_RUN if isinstance(problem, ImpactProblem) else DEFAULT_RUN]
+    profile = runs.get(RUN_OF_COVARIATE.get(follows or "", ""), default)
     what = follows if follows else "none of the measured signals"
     why = f"what remains follows {what}; this run shows whether it repeats: {profile.content}"
     return NextExperiment(profile.name, why, profile.points())
@@ -92,6 +95,8 @@ def separation_reason(profile: RunProfile, finding: Finding, sigma: float) -> st
 
 def runs_of(problem: Problem) -> list[RunProfile]:
     """The runs of the menu that the logs show the tool to be capable of."""
+    if isinstance(problem, ImpactProblem):
+        return impact_profiles(problem)
     kind = problem.rig.input["kind"]
     commands = np.concatenate([np.asarray(log.columns[kind], float) for log in problem.logs])
     loads = [np.nanmax(np.abs(log.columns.get("load_nm", [0.0]))) for log in problem.logs]
@@ -197,7 +202,11 @@ def information(search: Search, one: Fit) -> np.ndarray:
 
 
 def predictions(problem: Problem, profile: RunProfile, theta: np.ndarray) -> np.ndarray:
-    """Judged signals in a run from rest, (B, signals * rows) in their sigmas, for theta (B, P)."""
+    """Judged signals in a run from rest, (B, signals * rows) in their sigmas, for theta (B, P); of
+    a hammering tool the statistics of its impact cycles.
+    """
+    if isinstance(problem, ImpactProblem):
+        return predicted_statistics(problem, profile, theta)
     rows = _core.simulate_log(
         simulation_input(problem, profile),
         np.ascontiguousarray(theta),

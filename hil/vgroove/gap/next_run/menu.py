@@ -30,6 +30,8 @@ class RunProfile:
     linear: bool = False
     opens_bridge: bool = False
     load: tuple[tuple[float, float], ...] = ()
+    joint: str = ""
+    channels: tuple[str, ...] = ()
 
     def command(self, time_s: np.ndarray) -> np.ndarray:
         """Shares (n,) of the largest command."""
@@ -102,6 +104,36 @@ MENU: tuple[RunProfile, ...] = (
     _steps("fast ramps", "steep command edges at several speeds", [0.3, 0.8] * 8 + [0.1, 1.0] * 4),
 )
 
+IMPACT_MENU: tuple[RunProfile, ...] = (
+    _steps("tighten", "the same run again: the joint from its start at the full command", [1.0]),
+    _steps(
+        "three supplies",
+        "impact cycles at three supplies, by duty: spring, friction and voltage act differently",
+        [1.0, 0.8, 0.65],
+    ),
+    _steps(
+        "locked joint",
+        "impact cycles at three supplies on a joint that does not turn: mechanism without thread",
+        [1.0, 0.8, 0.65],
+        joint="locked",
+    ),
+    _steps(
+        "free run",
+        "motor and gear alone: the anvil turns freely and no blow occurs",
+        [0.3, 0.65, 1.0],
+        joint="none",
+    ),
+    _steps("loosening", "the joint tightened, then loosened", [1.0, -1.0]),
+    *(
+        _steps(f"tighten, with {column}", f"the same run with {what}", [1.0], channels=(column,))
+        for column, what in (
+            ("hammer_mm", "the axial displacement of the hammer"),
+            ("anvil_angle_rad", "the angle of the anvil"),
+            ("anvil_torque_nm", "the torque at the anvil"),
+        )
+    ),
+)
+
 
 def time_grid(interval_s: float) -> np.ndarray:
     """Row times in s of a run that is recorded every interval_s."""
@@ -124,7 +156,7 @@ def feasible_profiles(has_duty: bool, has_load: bool, both_ways: bool) -> list[R
 
 def profile_named(name: str) -> RunProfile:
     """The run of that name, with spaces or underscores; VgrooveError that lists the menu."""
-    for profile in MENU:
+    for profile in (*MENU, *IMPACT_MENU):
         if profile.name == name.replace("_", " "):
             return profile
     names = ", ".join(profile.name for profile in MENU)

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue import DIAGNOSED_LOADS
+from vgroove.gap.catalogue import DIAGNOSED_LOADS, JOINTS
 from vgroove.gap.cleaning.long_logs import reduce_long_logs
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, clip_sigmas
 from vgroove.gap.residual.angle_alignment import align_angles
 from vgroove.gap.residual.blocks import FoldBlocks
 from vgroove.gap.residual.channels import Channel
+from vgroove.gap.residual.impact.loading import load_impact_problem
 from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
 from vgroove.gap.residual.restarts import restart_interval_s
@@ -49,6 +50,8 @@ def load_problem(
     logs = [read(log) for log in logs]
     for log in logs:
         _check_magnitudes(log)
+    if rig.mechanism["kind"] == "impact":
+        return with_clip(load_impact_problem(logs, rig, threads), rig.clip if stated_clip else {})
     logs = reduce_long_logs(logs, rig)
     runs = tuple(prepare_run(log, rig, restart_s) for log in logs)
     longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
@@ -88,15 +91,17 @@ def _check_magnitudes(log: Any) -> None:
 
 
 def _check_simulated(rig: Rig) -> None:
-    if rig.mechanism["kind"] != "none":
+    mechanism, load = rig.mechanism["kind"], rig.load["kind"]
+    if mechanism not in ("none", "impact"):
         raise VgrooveError(
-            f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged, "
-            "only one with mechanism none"
+            f"a log of a tool with mechanism {mechanism} cannot be judged, "
+            "only one with mechanism none or impact"
         )
-    if rig.load["kind"] not in DIAGNOSED_LOADS:
+    loads = DIAGNOSED_LOADS if mechanism == "none" else (*DIAGNOSED_LOADS, *JOINTS)
+    if load not in loads:
         raise VgrooveError(
-            f"a log of a tool with load {rig.load['kind']} cannot be judged, "
-            f"only with {', '.join(DIAGNOSED_LOADS)}"
+            f"a log of a tool with mechanism {mechanism} and load {load} cannot be judged, "
+            f"only with {', '.join(loads)}"
         )
 
 

@@ -90,6 +90,10 @@ class Problem:
     judged: np.ndarray  # (n,) whether it counts in the gap: docs/spec/gap.md, section 5
     warnings: tuple[str, ...]
     clip: np.ndarray  # (signals,) sigmas at which the residuals of a gap are clipped
+    # of a hammering tool, else 0: angle by which the joint's head turns in the longest log, and the
+    # largest torque of the joint, both of the rig's simulation
+    head_rad: float = 0.0
+    joint_nm: float = 0.0
 
     parameters = list(_core.PARAMETERS)
 
@@ -115,6 +119,11 @@ class Problem:
     def angles(self) -> RestartAngles:
         """Motor angles at the restarts of every log."""
         return RestartAngles(tuple(run.restarts.angle_rad for run in self.runs))
+
+    @property
+    def tolerance(self) -> dict[str, float]:
+        """Relative standard deviations, by name in `parameters`, of the nuisance parameters."""
+        return self.rig.tolerance
 
     def with_angles(self, angles: RestartAngles) -> "Problem":
         """The problem whose model restarts at these motor angles."""
@@ -178,6 +187,10 @@ class Problem:
             add_encoder(simulation, errors)
             found.append(simulation)
         return found
+
+    def motor_angles(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Angle (rows,) in rad of the motor in each log, simulated with theta (P,)."""
+        return [simulation["angle_rad"][0] for simulation in self.simulate(theta)]
 
     def models(self, theta: np.ndarray) -> np.ndarray:
         """What the measurement is compared with (B, n), in the signals' units: the model with the

@@ -83,7 +83,9 @@ class Estimate:
     def retuned_parameters(self) -> dict[str, float]:
         """Fitted values of the rig keys that have a tolerance, in their own units."""
         theta = self.fit.theta(self.engine.problem.theta0)
-        return {c.name: float(theta[c.columns[0]]) for c in self.engine.nuisance}
+        of_rig = self.engine.problem.rig.tolerance
+        found = {c.name: float(theta[c.columns[0]]) for c in self.engine.nuisance}
+        return {name: value for name, value in found.items() if name in of_rig}
 
 
 def estimate_of(search: Search, one: Fit) -> Estimate:

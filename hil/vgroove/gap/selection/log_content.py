@@ -2,9 +2,11 @@
 scaled by.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from vgroove.gap.catalogue import Scales
+from vgroove.gap.catalogue import Effect, Scales, available
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.residual.magnitude import robust_magnitude
 from vgroove.gap.residual.problem import Problem
@@ -62,6 +64,8 @@ def log_flags(problem: Problem) -> frozenset[str]:
     torque = np.nanmax(np.abs(logged_column(problem, "load_nm")), initial=0.0) > 0.0
     load = rig.load["kind"] == "pendulum" or (rig.load["kind"] == "torque" and torque)
     reflected = rig.shaft_inertia_kg_m2 / rig.motor["inertia_kg_m2"] - 1.0
+    if rig.mechanism["kind"] == "impact":
+        return frozenset(impact_flags(problem))
     flags = {
         "duty": kind == "duty",
         "voltage": kind != "current_a",
@@ -76,6 +80,28 @@ def log_flags(problem: Problem) -> frozenset[str]:
         "output": bool(load) or reflected > MIN_REFLECTED_INERTIA,
     }
     return frozenset(name for name, here in flags.items() if here)
+
+
+def impact_flags(problem: Problem) -> Iterator[str]:
+    """What cycle statistics of a hammering tool can show. Effects of single Hall edges are averaged
+    over a window; the torque behind the gear is the mechanism's own.
+    """
+    judged = {s.column.split(".")[0] for s in problem.signals}
+    yield from ("duty", "voltage") if problem.rig.input["kind"] == "duty" else ("voltage",)
+    names = {"current": "current_a", "speed": "speed_rpm", "supply": "supply_v"}
+    yield from (flag for flag, column in names.items() if column in judged)
+    yield from ("load", "impact")
+
+
+def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
+    """Effects of the catalogue that the logs can show; on a hammering tool those of its joint, and
+    none that repeats with the angle of a shaft, because windows of several cycles average it.
+    """
+    effects = available(log_flags(problem), without)
+    if problem.rig.mechanism["kind"] != "impact":
+        return effects
+    load = problem.rig.load["kind"]
+    return [e for e in effects if e.periodic is None and (not e.loads or load in e.loads)]
 
 
 def effect_scales(problem: Problem) -> Scales:
@@ -110,4 +136,6 @@ def effect_scales(problem: Problem) -> Scales:
         clock=1e-6 * rig.sensors.get("clock_ppm", UNKNOWN_CLOCK_PPM),
         pwm_hz=rig.bridge.get("pwm_hz", 20000.0),
         supply_ohm=rig.supply.get("resistance_ohm", 0.0),
+        head_rad=problem.head_rad,
+        joint_nm=problem.joint_nm,
     )

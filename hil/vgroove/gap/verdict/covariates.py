@@ -26,7 +26,7 @@ COLUMN_NAMES = {
 
 def covariates_of(problem: Problem, theta: np.ndarray) -> Covariates:
     """Covariates (n,) by name that all logs have; the angles are simulated with theta (P,)."""
-    angles = [simulation["angle_rad"][0] for simulation in problem.simulate(theta)]
+    angles = problem.motor_angles(theta)
     tables = [log_covariates(problem, j, angles[j]) for j in range(len(problem.logs))]
     names = set.intersection(*(set(t) for t in tables))
     found = {name: np.full(problem.n, np.nan) for name in sorted(names)}

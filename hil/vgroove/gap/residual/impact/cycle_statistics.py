@@ -1,0 +1,203 @@
+"""Statistics of the impact cycle in each window of a log, and their standard deviations: period,
+and of each judged column its level, rise, shape (harmonics at the phase of a reference signal) and
+scatter.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
+from vgroove.gap.residual.impact.cycle_windows import CycleWindows
+from vgroove.gap.residual.impact.harmonics import (
+    HarmonicFit,
+    fit_harmonics,
+    fundamental_hz,
+    phase_at_centre,
+)
+from vgroove.units import TURN_RAD
+
+PERIOD = "blow_period_s"
+LEVEL, RISE, SHAPE, SCATTER = "level", "rise", "shape", "scatter"
+MIN_SIGNAL = 3.0  # standard deviations by which the fundamental of a cycle stands out
+MAX_RISE = 2.0  # rise of the reference over a window with a cycle, in amplitudes of its fundamental
+MIN_AMPLITUDE = 1e-9  # of the reference harmonic: avoids a division by 0
+
+
+@dataclass(frozen=True)
+class ColumnStatistics:
+    """Which statistics a column gives: names besides its shape, and the harmonics of its shape."""
+
+    unit: str
+    names: tuple[str, ...]
+    harmonics: int
+
+
+# An anvil torque of 1 kHz rows holds a blow of 0.3 ms by chance: its scatter is no statistic.
+STATISTICS = {
+    "current_a": ColumnStatistics("A", (LEVEL, RISE, SCATTER), 4),
+    "speed_rpm": ColumnStatistics("rpm", (LEVEL, RISE), 3),
+    "supply_v": ColumnStatistics("V", (LEVEL, RISE), 2),
+    "hammer_mm": ColumnStatistics("mm", (LEVEL,), 3),
+    "anvil_angle_rad": ColumnStatistics("rad", (LEVEL, RISE), 0),
+    "anvil_torque_nm": ColumnStatistics("N m", (LEVEL,), 0),
+}
+HARMONICS = max(one.harmonics for one in STATISTICS.values())
+REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamental may give the phase
+
+
+@dataclass(frozen=True)
+class StatisticPart:
+    """One number of the statistics vector: the judged signal that it belongs to, its unit, the
+    column it is made from and the kind of statistic, and of a shape the harmonic and whether it is
+    the part in phase or across.
+    """
+
+    signal: str
+    unit: str
+    column: str
+    kind: str
+    harmonic: int = 0
+    across: bool = False
+
+
+def statistic_parts(columns: Sequence[str], reference: str) -> tuple[StatisticPart, ...]:
+    """The numbers that describe a window of these columns."""
+    parts = [StatisticPart(PERIOD, "s", "", PERIOD)]
+    for column in columns:
+        one = STATISTICS[column]
+        for kind in one.names:
+            unit = f"{one.unit}/s" if kind == RISE else one.unit
+            parts.append(StatisticPart(f"{column}.{kind}", unit, column, kind))
+        for h in range(1, one.harmonics + 1):
+            for across in (False, True):
+                if not (across and h == 1 and column == reference):
+                    signal = f"{column}.{SHAPE}"
+                    parts.append(StatisticPart(signal, one.unit, column, SHAPE, h, across))
+    return tuple(parts)
+
+
+@dataclass(frozen=True)
+class CycleReader:
+    """Turns columns of a log, or of its simulation, into statistics: its windows, its columns with
+    the standard deviation of their noise, the column that gives the phase, and the parts.
+    """
+
+    windows: CycleWindows
+    noise: dict[str, float]
+    reference: str
+    parts: tuple[StatisticPart, ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The judged columns."""
+        return tuple(self.noise)
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Inverse variances (S,) of the columns' noise."""
+        return np.array([1.0 / sigma**2 for sigma in self.noise.values()])
+
+    def fit(self, values: dict[str, np.ndarray]) -> HarmonicFit:
+        """Harmonic fit of columns (B, rows), windows of one set after the other. Each window is
+        moved to the nearest place at which the reference's fundamental has its maximum at the
+        window's centre, so that windows of a log and of its simulation hold equal phases; levels
+        are those at the centre of the window that was not moved.
+        """
+        windows, columns = self.windows, np.stack([values[name] for name in self.columns])
+        sets, weight, row_s = columns.shape[1], self.weight, windows.row_s
+        flat = columns.reshape(len(columns), -1)
+        offset = np.repeat(columns.shape[2] * np.arange(sets), windows.count)
+        first = np.tile(windows.first, sets)
+        signals = flat[:, (offset + first)[:, None] + np.arange(windows.rows)]
+        hz = fundamental_hz(signals, weight, row_s, np.tile(windows.band_hz, (sets, 1)))
+        reference = self.columns.index(self.reference)
+        phase = phase_at_centre(signals[reference], hz, row_s)
+        shift = np.round(phase / (TURN_RAD * hz * row_s)).astype(int)
+        ideal = first - np.where(np.tile(windows.periodic, sets), shift, 0)
+        moved = np.clip(ideal, 0, columns.shape[2] - windows.rows)
+        signals = flat[:, (offset + moved)[:, None] + np.arange(windows.rows)]
+        found = fit_harmonics(signals, weight, row_s, hz, HARMONICS)
+        level = found.level - found.slope_per_s * ((moved - first) * row_s)
+        return replace(found, level=level)
+
+    def statistics(self, fit: HarmonicFit, add_noise: bool) -> np.ndarray:
+        """Values (B, W, K) of the parts; add_noise: of a simulation, whose scatter lacks the
+        sensors' noise.
+        """
+        turn = self._turn(fit)
+        values = [self._value(part, fit, turn, add_noise) for part in self.parts]
+        return np.stack(values, axis=1).reshape(-1, self.windows.count, len(self.parts))
+
+    def _turn(self, fit: HarmonicFit) -> np.ndarray:
+        """Unit numbers (N,) that rotate the reference's fundamental to phase 0."""
+        first = fit.amplitude[self.columns.index(self.reference), :, 0]
+        return np.conj(first) / np.maximum(np.abs(first), MIN_AMPLITUDE)
+
+    def _value(
+        self, part: StatisticPart, fit: HarmonicFit, turn: np.ndarray, add_noise: bool
+    ) -> np.ndarray:
+        if part.kind == PERIOD:
+            return 1.0 / fit.frequency_hz
+        k = self.columns.index(part.column)
+        if part.kind == SHAPE:
+            rotated = fit.amplitude[k, :, part.harmonic - 1] * turn**part.harmonic
+            return rotated.imag if part.across else rotated.real
+        if part.kind == SCATTER:
+            noise = self.noise[part.column] if add_noise else 0.0
+            return np.hypot(fit.scatter[k], noise)
+        return fit.level[k] if part.kind == LEVEL else fit.slope_per_s[k]
+
+    def variances(self, fit: HarmonicFit) -> np.ndarray:
+        """Variances (W, K) of a log's statistics: those that the harmonic fit's remainder gives, in
+        proportion to the scatter between the windows, and at least those of the sensors' noise;
+        infinite for what describes a cycle in windows without one.
+        """
+        noise = np.array(list(self.noise.values()))[:, None]
+        least = self._variances(fit, np.broadcast_to(noise**2, fit.scatter.shape))
+        left = self._variances(fit, np.maximum(fit.scatter, noise) ** 2)
+        ratio = scatter_between_windows(self.statistics(fit, False)[0]) / np.median(left, axis=0)
+        found = np.maximum(left * ratio, least)
+        of_cycle = np.array([part.kind not in (LEVEL, RISE) for part in self.parts])
+        found[np.ix_(~self.windows.periodic, of_cycle)] = np.inf
+        return found
+
+    def _variances(self, fit: HarmonicFit, power: np.ndarray) -> np.ndarray:
+        """Variances (W, K) for white noise of power (S, W) in the columns."""
+        rows, length_s = self.windows.rows, self.windows.rows * self.windows.row_s
+        reference = self.columns.index(self.reference)
+        first = np.maximum(np.abs(fit.amplitude[reference, :, 0]), MIN_AMPLITUDE)
+        phase = 2.0 * power[reference] / (rows * first**2)
+        found = []
+        for part in self.parts:
+            if part.kind == PERIOD:
+                information = (fit.frequency_information / power).sum(axis=0)
+                found.append(1.0 / (np.maximum(information, 1e-12) * fit.frequency_hz**4))
+                continue
+            k = self.columns.index(part.column)
+            if part.kind == SHAPE:
+                size = np.abs(fit.amplitude[k, :, part.harmonic - 1]) * part.harmonic
+                found.append(2.0 * power[k] / rows + phase * size**2)
+            else:
+                factor = {LEVEL: 1.0, RISE: 12.0 / length_s**2, SCATTER: 0.5}[part.kind]
+                found.append(factor * power[k] / rows)
+        return np.stack(found, axis=1)
+
+
+def is_periodic(fit: HarmonicFit, reference: int, windows: CycleWindows) -> np.ndarray:
+    """Whether the impact cycle dominates each window (W,) of a log: the reference's fundamental is
+    clear, and larger than its rise over the window (a run-up to the first blow has no cycle).
+    """
+    size = np.abs(fit.amplitude[reference, :, 0])
+    error = fit.scatter[reference] * np.sqrt(2.0 / windows.rows)
+    rise = np.abs(fit.slope_per_s[reference]) * windows.rows * windows.row_s
+    return (size > MIN_SIGNAL * error) & (MAX_RISE * size > rise)
+
+
+def scatter_between_windows(values: np.ndarray) -> np.ndarray:
+    """Variance (K,) of statistics (W, K) between neighbouring windows, robustly from second
+    differences, which a trend along the joint does not enter.
+    """
+    second = values[:-2] - 2.0 * values[1:-1] + values[2:]
+    return (MAD_TO_SIGMA * np.median(np.abs(second), axis=0)) ** 2 / 6.0

@@ -1,0 +1,144 @@
+"""Logs of a hammering tool and a rig as normalised residuals of cycle statistics, batched over
+parameter sets: what Problem is for a drivetrain without impact mechanism.
+
+The start angle of the hammer is a nuisance parameter of each log, and so are the values of a log's
+own joint: columns of theta behind the plant's. Where a run may end in different limit cycles, the
+start angle that follows the log best is compared with it (profile likelihood). Standard deviations
+are those of the log's own scatter and of the start angles.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from vgroove.gap.residual.batches import split_by_structure
+from vgroove.gap.residual.impact.roll_outs import (
+    PARAMETERS,
+    START,
+    clipped_cost,
+    simulate,
+    simulate_statistics,
+)
+from vgroove.gap.residual.problem import UNFINISHED_RESIDUAL, Problem, Traces
+from vgroove.gap.residual.restart_angles import RestartAngles
+
+SETS_AT_ONCE = 8  # parameter sets that a thread simulates at once
+
+
+@dataclass(frozen=True)
+class OwnValue:
+    """A value that each log has for itself: column of theta, column of the plant's parameters that
+    it replaces, its name, and its relative standard deviation (0: known).
+    """
+
+    column: int
+    replaces: int
+    name: str
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class ImpactProblem(Problem):
+    """Cycle statistics of logs as a measured problem. own: of each log its own values; starts: of
+    each log further start angles in rad that its end depends on.
+    """
+
+    own: tuple[tuple[OwnValue, ...], ...] = ()
+    starts: tuple[np.ndarray, ...] = ()
+
+    @cached_property
+    def parameters(self) -> list[str]:
+        """Names of the columns of theta."""
+        return [*PARAMETERS, *(value.name for values in self.own for value in values)]
+
+    @property
+    def tolerance(self) -> dict[str, float]:
+        """Relative standard deviations of the nuisance parameters."""
+        own = {value.name: value.tolerance for values in self.own for value in values}
+        replaced = {PARAMETERS[v.replaces] for values in self.own for v in values}
+        shared = {n: s for n, s in self.rig.tolerance.items() if n not in replaced}
+        return shared | {name: sigma for name, sigma in own.items() if sigma > 0.0}
+
+    def of_log(self, j: int, theta: np.ndarray) -> np.ndarray:
+        """The plant's parameters (B, P) for log j, from theta (B, P + own)."""
+        plant = theta[:, : len(PARAMETERS)].copy()
+        for value in self.own[j]:
+            plant[:, value.replaces] = theta[:, value.column]
+        return plant
+
+    @cached_property
+    def angles(self) -> RestartAngles:
+        """No restarts: each log is simulated from its start."""
+        return RestartAngles(tuple(np.zeros(0) for _ in self.runs))
+
+    def with_angles(self, angles: RestartAngles) -> "ImpactProblem":
+        """The problem itself."""
+        return self
+
+    @property
+    def missed_edges(self) -> tuple[float, float]:
+        """Missed edges are not counted in cycle statistics."""
+        return 0.0, 0.0
+
+    def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
+        """(measured - model) / sigma (B, n) for theta (B, P) or (P,), finite."""
+        theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
+        out = np.empty((len(theta), self.n))
+        effects = [name.startswith("effects.") for name in self.parameters]
+        size = max(1, min(SETS_AT_ONCE, -(-len(theta) // self.threads)))
+        parts = split_by_structure((theta != self.theta0)[:, effects], size)
+
+        def fill(places: np.ndarray) -> None:
+            out[places] = (self.measured - self.models(theta[places])) / self.sigma
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(fill, parts))
+        out[~np.isfinite(out)] = UNFINISHED_RESIDUAL
+        return out
+
+    def models(self, theta: np.ndarray) -> np.ndarray:
+        """Statistics (B, n) of the model in their units, of each log those of the start angle that
+        follows it best.
+        """
+        found = []
+        for j, run in enumerate(self.runs):
+            plant = self.of_log(j, theta)
+            every = [simulate_statistics(run, plant)]
+            for start in self.starts[j]:
+                plant[:, PARAMETERS.index(START)] = start
+                every.append(simulate_statistics(run, plant))
+            cost = [clipped_cost(run, each).sum(axis=1) for each in every]
+            best = np.argmin(cost, axis=0)
+            found.append(run.flat(np.stack(every)[best, np.arange(len(theta))]))
+        return np.concatenate(found, axis=1)
+
+    def motor_angles(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Angle (rows,) in rad of the motor in each log, for theta (P,)."""
+        return [
+            simulate(run, self.of_log(j, theta[None]))["angle_rad"][0]
+            for j, run in enumerate(self.runs)
+        ]
+
+    def iso18571(
+        self, residual: np.ndarray, mask: np.ndarray | None = None
+    ) -> dict[str, float | None]:
+        """No rating: statistics of windows are no curves."""
+        return {signal.column: None for signal in self.signals}
+
+    def traces(self, theta: np.ndarray) -> list[Traces]:
+        """For plots, per log: statistic -> (time_s, measured, model), parts of a shape one after
+        the other.
+        """
+        model = self.models(np.atleast_2d(theta)[:1])[0]
+        found: list[Traces] = []
+        for j in range(len(self.runs)):
+            table: dict[str, Any] = {}
+            for k, signal in enumerate(self.signals):
+                mine = (self.log == j) & (self.signal == k)
+                if mine.any():
+                    table[signal.column] = (self.time_s[mine], self.measured[mine], model[mine])
+            found.append(table)
+        return found
