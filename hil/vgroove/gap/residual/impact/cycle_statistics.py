@@ -8,6 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgroove.gap.catalogue.statistics import (
+    HARMONICS,
+    LEVEL,
+    PERIOD,
+    RISE,
+    SCATTER,
+    SHAPE,
+    STATISTICS,
+)
 from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.residual.impact.cycle_windows import CycleWindows
 from vgroove.gap.residual.impact.harmonics import (
@@ -18,33 +27,10 @@ from vgroove.gap.residual.impact.harmonics import (
 )
 from vgroove.units import TURN_RAD
 
-PERIOD = "blow_period_s"
-LEVEL, RISE, SHAPE, SCATTER = "level", "rise", "shape", "scatter"
+REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamental may give the phase
 MIN_SIGNAL = 3.0  # standard deviations by which the fundamental of a cycle stands out
 MAX_RISE = 2.0  # rise of the reference over a window with a cycle, in amplitudes of its fundamental
 MIN_AMPLITUDE = 1e-9  # of the reference harmonic: avoids a division by 0
-
-
-@dataclass(frozen=True)
-class ColumnStatistics:
-    """Which statistics a column gives: names besides its shape, and the harmonics of its shape."""
-
-    unit: str
-    names: tuple[str, ...]
-    harmonics: int
-
-
-# An anvil torque of 1 kHz rows holds a blow of 0.3 ms by chance: its scatter is no statistic.
-STATISTICS = {
-    "current_a": ColumnStatistics("A", (LEVEL, RISE, SCATTER), 4),
-    "speed_rpm": ColumnStatistics("rpm", (LEVEL, RISE), 3),
-    "supply_v": ColumnStatistics("V", (LEVEL, RISE), 2),
-    "hammer_mm": ColumnStatistics("mm", (LEVEL,), 3),
-    "anvil_angle_rad": ColumnStatistics("rad", (LEVEL, RISE), 0),
-    "anvil_torque_nm": ColumnStatistics("N m", (LEVEL,), 0),
-}
-HARMONICS = max(one.harmonics for one in STATISTICS.values())
-REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamental may give the phase
 
 
 @dataclass(frozen=True)
@@ -114,13 +100,18 @@ class CycleReader:
         hz = fundamental_hz(signals, weight, row_s, np.tile(windows.band_hz, (sets, 1)))
         reference = self.columns.index(self.reference)
         phase = phase_at_centre(signals[reference], hz, row_s)
-        shift = np.round(phase / (TURN_RAD * hz * row_s)).astype(int)
-        ideal = first - np.where(np.tile(windows.periodic, sets), shift, 0)
-        moved = np.clip(ideal, 0, columns.shape[2] - windows.rows)
-        signals = flat[:, (offset + moved)[:, None] + np.arange(windows.rows)]
+        shift = np.where(np.tile(windows.periodic, sets), phase / (TURN_RAD * hz * row_s), 0.0)
+        moved = np.clip(first - shift, 1.0, columns.shape[2] - windows.rows - 3.0)
+        signals = interpolated(flat, offset + moved, windows.rows)
         found = fit_harmonics(signals, weight, row_s, hz, HARMONICS)
         level = found.level - found.slope_per_s * ((moved - first) * row_s)
-        return replace(found, level=level)
+        mean, slope = _line(signals, row_s)
+        cycle = np.tile(windows.periodic, sets)
+        return replace(
+            found,
+            level=np.where(cycle, level, mean),
+            slope_per_s=np.where(cycle, found.slope_per_s, slope),
+        )
 
     def statistics(self, fit: HarmonicFit, add_noise: bool) -> np.ndarray:
         """Values (B, W, K) of the parts; add_noise: of a simulation, whose scatter lacks the
@@ -183,6 +174,28 @@ class CycleReader:
                 factor = {LEVEL: 1.0, RISE: 12.0 / length_s**2, SCATTER: 0.5}[part.kind]
                 found.append(factor * power[k] / rows)
         return np.stack(found, axis=1)
+
+
+def interpolated(values: np.ndarray, first: np.ndarray, rows: int) -> np.ndarray:
+    """Windows (S, N, L) of values (S, n) that begin at places first (N,) between rows, by cubic
+    Lagrange interpolation: windows moved by whole rows would make the statistics jump.
+    """
+    whole = np.floor(first).astype(int)
+    f = (first - whole)[:, None]
+    weights = (
+        -f * (f - 1.0) * (f - 2.0) / 6.0,
+        (f + 1.0) * (f - 1.0) * (f - 2.0) / 2.0,
+        -(f + 1.0) * f * (f - 2.0) / 2.0,
+        (f + 1.0) * f * (f - 1.0) / 6.0,
+    )
+    at = whole[:, None] + np.arange(rows)
+    return sum(weight * values[:, at + k] for k, weight in enumerate(weights, -1))
+
+
+def _line(signals: np.ndarray, row_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and slope (S, N) of a straight line through windows (S, N, L)."""
+    t = row_s * (np.arange(signals.shape[2]) - 0.5 * (signals.shape[2] - 1))
+    return signals.mean(axis=2), signals @ t / (t @ t)
 
 
 def is_periodic(fit: HarmonicFit, reference: int, windows: CycleWindows) -> np.ndarray:

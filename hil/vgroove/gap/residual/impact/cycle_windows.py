@@ -69,6 +69,8 @@ def cut_windows(
     period_s = float(np.median(1.0 / found[len(found) // 3 :]))
     size = max(RULES.min_rows, round(RULES.cycles * period_s / row_s))
     first = np.arange(begin, end - size + 1, size)
+    # the run-down after a release depends on the phase of the hammer at the release
+    first = first[driven[first[:, None] + np.arange(size)].all(axis=1)]
     if len(first) < RULES.min_windows:
         return None
     centre = np.interp(first + 0.5 * size, wide.centre, found)

@@ -1,46 +1,53 @@
-"""The speed that a Hall sensor's reader would give along a simulated motion: one pitch over the
-last edge period, falling while the next edge is awaited (docs/spec/gap.md, section 1).
+"""The speed that a Hall sensor's reader gives along a simulated motion, as its mean over the unknown
+places of the edges in the turn.
+
+A reading is the mean speed over the last edge period (docs/spec/gap.md, section 1), and the age of
+that edge is uniformly distributed over one period. The mean reading is therefore the speed under a
+triangular window of two periods: smooth in the parameters of the model, unlike a single reading,
+whose edges jump over the rows of the log.
 """
 
 import numpy as np
 
 from vgroove.units import TURN_RAD
 
-HERMITE_POINTS = 2  # instants between rows at which the angle is interpolated
+MIN_ROWS_OF_PERIOD = 0.05  # shortest edge period, in row intervals: keeps differences exact
 
 
-def hall_speed(
-    time_s: np.ndarray, angle: np.ndarray, speed: np.ndarray, pulses: int, timeout_s: float
+def mean_hall_speed(
+    angle: np.ndarray, speed: np.ndarray, row_s: float, pulses: int, timeout_s: float
 ) -> np.ndarray:
-    """Reading (rows,) in rad/s of a sensor with `pulses` edges a turn, from times, angles in rad
-    and speeds in rad/s (rows,), with the sign of the motion. Edges pass at multiples of the pitch
-    of the travelled angle: where in the turn they lie is not known.
+    """Mean readings (B, rows) in rad/s of a sensor with `pulses` edges a turn, from angles in rad
+    and speeds in rad/s (B, rows) at rows every row_s; 0 where an edge period exceeds timeout_s.
     """
     pitch = TURN_RAD / pulses
-    fine_s, fine = _refined(time_s, angle, speed)
-    fine = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(fine)))])
-    first, last = np.floor(fine[0] / pitch) + 1.0, np.floor(fine[-1] / pitch)
-    if last < first + 1.0:
-        return np.zeros(len(time_s))
-    edges = np.interp(np.arange(first, last + 1.0) * pitch, fine, fine_s)
-    latest = np.searchsorted(edges, time_s, side="right") - 1
-    period = np.diff(edges)[np.maximum(latest - 1, 0)]
-    age = time_s - edges[np.maximum(latest, 0)]
-    reading = pitch / np.maximum(np.maximum(period, age), 1e-9)
-    return np.sign(speed) * np.where((latest < 1) | (age > timeout_s), 0.0, reading)
+    period = pitch / np.maximum(np.abs(speed), 1e-9)
+    shift = np.clip(period / row_s, MIN_ROWS_OF_PERIOD, speed.shape[1])
+    integral = _integral(angle - angle[:, :1], speed, row_s)
+    rows = np.arange(speed.shape[1], dtype=float)
+    now = integral
+    once, twice = (_at(integral, angle - angle[:, :1], rows - k * shift, row_s) for k in (1.0, 2.0))
+    reading = (now - 2.0 * once + twice) / (shift * row_s) ** 2
+    return np.where(period > timeout_s, 0.0, reading)
 
 
-def _refined(
-    time_s: np.ndarray, angle: np.ndarray, speed: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times and angles with HERMITE_POINTS instants in each row, by cubic Hermite interpolation."""
-    step, count = np.diff(time_s)[:, None], HERMITE_POINTS + 1
-    f = np.arange(count) / count
+def _integral(angle: np.ndarray, speed: np.ndarray, row_s: float) -> np.ndarray:
+    """Integral (B, rows) of angles over time, with their known derivatives (Hermite)."""
+    steps = 0.5 * row_s * (angle[:, 1:] + angle[:, :-1])
+    steps += row_s**2 / 12.0 * (speed[:, :-1] - speed[:, 1:])
+    return np.concatenate([np.zeros((len(angle), 1)), np.cumsum(steps, axis=1)], axis=1)
+
+
+def _at(integral: np.ndarray, angle: np.ndarray, place: np.ndarray, row_s: float) -> np.ndarray:
+    """The integral (B, rows) at places between rows (B, rows), by cubic Hermite interpolation; 0
+    before the first row, where the shaft rests at angle 0.
+    """
+    inside = np.maximum(place, 0.0)
+    row = np.minimum(inside.astype(int), integral.shape[1] - 2)
+    f = inside - row
     g = 1.0 - f
-    inside = (
-        g * g * (1.0 + 2.0 * f) * angle[:-1, None]
-        + f * f * (3.0 - 2.0 * f) * angle[1:, None]
-        + step * f * g * (g * speed[:-1, None] - f * speed[1:, None])
-    )
-    times = time_s[:-1, None] + step * f
-    return np.append(times.ravel(), time_s[-1]), np.append(inside.ravel(), angle[-1])
+    left, right = (np.take_along_axis(integral, row + k, axis=1) for k in (0, 1))
+    slope_left, slope_right = (np.take_along_axis(angle, row + k, axis=1) for k in (0, 1))
+    value = g * g * (1.0 + 2.0 * f) * left + f * f * (3.0 - 2.0 * f) * right
+    value += row_s * f * g * (g * slope_left - f * slope_right)
+    return np.where(place < 0.0, 0.0, value)

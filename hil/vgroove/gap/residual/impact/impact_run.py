@@ -9,14 +9,18 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap.cleaning.missing_values import has_values, interpolate_missing
+from vgroove.gap.catalogue.statistics import STATISTICS
+from vgroove.gap.cleaning.missing_values import (
+    has_values,
+    hold_last_value,
+    interpolate_missing,
+)
 from vgroove.gap.cleaning.sensor_noise import column_sigma, high_frequency_sigma
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
 from vgroove.gap.residual.clean_log import CleanLog, clean_log
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.impact.cycle_statistics import (
     REFERENCES,
-    STATISTICS,
     CycleReader,
     is_periodic,
     statistic_parts,
@@ -121,7 +125,10 @@ def windows_of(
     signals = np.stack([values[n] for n in found])
     weight = np.array([1.0 / noise[n] ** 2 for n in found])
     row_s = float(np.median(np.diff(log.time_s)))
-    windows = cut_windows(signals, weight, row_s, command != 0.0)
+    driven = command != 0.0
+    if "coast" in log.columns:
+        driven &= hold_last_value(log.columns["coast"]) == 0.0
+    windows = cut_windows(signals, weight, row_s, driven)
     if windows is None:
         raise VgrooveError(
             f"{log.source}: too short to judge: a log of an impact tool needs at least "

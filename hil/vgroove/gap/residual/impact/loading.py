@@ -8,8 +8,9 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
+from vgroove.gap.catalogue.statistics import PERIOD, SHAPE
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
-from vgroove.gap.residual.impact.cycle_statistics import PERIOD, SHAPE, StatisticPart
+from vgroove.gap.residual.impact.cycle_statistics import StatisticPart
 from vgroove.gap.residual.impact.impact_run import PLACES, ImpactRun, prepare_impact_run
 from vgroove.gap.residual.impact.problem import ImpactProblem, OwnValue
 from vgroove.gap.residual.impact.roll_outs import (
@@ -26,9 +27,9 @@ from vgroove.rig import Rig
 
 KINDS = {PERIOD: "period", SHAPE: "shape of the cycle"}
 OTHER_KIND = "level"
-# Standard deviation in rad of the hammer's start angle around the best one tried: their distance
-# is 0.09 rad with the reference tool
-START_SIGMA_RAD = 0.05
+# scatter over the start angles, in standard deviations of a log's statistic, above which the
+# statistic is not judged
+MAX_START_SHARE = 5.0
 
 
 def load_impact_problem(
@@ -45,8 +46,9 @@ def load_impact_problem(
         nominal.append(_nominal(run, theta))
         stated = "hammer_start_rad" in rig.mechanism
         tried = theta[[PARAMETERS.index(START)]] if stated else start_angles(theta)
-        found = simulate_statistics(run, from_starts(theta, tried))
-        runs.append(with_start_scatter(run, found))
+        plain = simulate_statistics(run, from_starts(without_effects(theta), tried))
+        runs.append(with_start_scatter(run, plain))
+        found = simulate_statistics(runs[-1], from_starts(theta, tried))
         starts.append(choose_starts(runs[-1], tried, found))
     own = own_values(rig, tools, starts, bool(joints))
     problem = _joined(rig, tuple(runs), threads)
@@ -64,8 +66,8 @@ def load_impact_problem(
 def own_values(
     rig: Rig, tools: Sequence[Rig], starts: Sequence[np.ndarray], own_joints: bool
 ) -> list[list[tuple[OwnValue, float]]]:
-    """Values that each log has for itself: the start angle of the hammer, within the distance of
-    the angles that were tried, and the numbers of its own joint.
+    """Values that each log has for itself: the start angle of the hammer that follows it best, and
+    the numbers of its own joint.
     """
     column, found = len(PARAMETERS), []
     for j, (tool, angles) in enumerate(zip(tools, starts, strict=True)):
@@ -76,8 +78,6 @@ def own_values(
         values = []
         for name, value in mine.items():
             sigma = rig.tolerance.get(name, 0.0)
-            if name == START and "hammer_start_rad" not in rig.mechanism:
-                sigma = abs(START_SIGMA_RAD / value)
             own = OwnValue(column, PARAMETERS.index(name), f"{name}, log {j + 1}", sigma)
             values.append((own, value))
             column += 1
@@ -152,10 +152,22 @@ def _regime(part: StatisticPart, place: str) -> str:
 
 def with_start_scatter(run: ImpactRun, statistics: np.ndarray) -> ImpactRun:
     """The run whose standard deviations contain the scatter of statistics (M, W, K) over the start
-    angles; of windows without a cycle, whose phase is not known either, their whole range.
+    angles; of windows without a cycle, whose phase is not known either, their whole range. What
+    shows little but the start angle is not judged.
     """
     scatter = np.nan_to_num(statistics.std(axis=0))
     scatter = np.where(
         run.windows.periodic[:, None], scatter, np.nan_to_num(np.ptp(statistics, axis=0))
     )
-    return replace(run, sigma=np.hypot(run.sigma, scatter))
+    sigma = np.hypot(run.sigma, scatter)
+    return replace(run, sigma=np.where(scatter > MAX_START_SHARE * run.sigma, np.inf, sigma))
+
+
+def without_effects(theta: np.ndarray) -> np.ndarray:
+    """Parameters (P,) with the effects of a rig off, so that standard deviations are those of the
+    rig's own model, whatever effects `--out-rig` has added to it.
+    """
+    neutral, plain = np.array(_core.parameter_defaults(), dtype=float), theta.copy()
+    effects = [k for k, name in enumerate(PARAMETERS) if name.startswith("effects.")]
+    plain[effects] = neutral[effects]
+    return plain

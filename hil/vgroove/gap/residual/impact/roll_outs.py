@@ -12,7 +12,7 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
-from vgroove.gap.residual.impact.hall_reading import hall_speed
+from vgroove.gap.residual.impact.hall_reading import mean_hall_speed
 from vgroove.gap.residual.impact.impact_run import ImpactRun
 from vgroove.units import RPM_PER_RAD_S, TURN_RAD
 
@@ -115,15 +115,10 @@ def model_columns(run: ImpactRun, rows: dict[str, np.ndarray]) -> dict[str, np.n
         if name != "speed_rpm":
             found[name] = rows[name]
         elif run.pulses:
-            found[name] = RPM_PER_RAD_S * _readings(run, rows)
+            row_s = run.windows.row_s
+            angle, speed = rows["angle_measured_rad"], rows["speed_measured_rad_s"]
+            reading = mean_hall_speed(angle, speed, row_s, run.pulses, run.timeout_s)
+            found[name] = RPM_PER_RAD_S * reading
         else:
             found[name] = RPM_PER_RAD_S * rows["speed_measured_rad_s"]
     return found
-
-
-def _readings(run: ImpactRun, rows: dict[str, np.ndarray]) -> np.ndarray:
-    time_s = np.asarray(run.log.time_s, float)
-    motion = zip(rows["angle_measured_rad"], rows["speed_measured_rad_s"], strict=True)
-    return np.stack(
-        [hall_speed(time_s, angle, speed, run.pulses, run.timeout_s) for angle, speed in motion]
-    )

@@ -1,0 +1,37 @@
+"""Statistics of the impact cycle that the diagnosis of a hammering tool judges, as columns of a
+verdict: the blow period, and of each column of a log its level, rise, shape and scatter.
+"""
+
+from dataclasses import dataclass
+
+PERIOD = "blow_period_s"
+LEVEL, RISE, SHAPE, SCATTER = "level", "rise", "shape", "scatter"
+
+
+@dataclass(frozen=True)
+class ColumnStatistics:
+    """Which statistics a column gives: names besides its shape, and the harmonics of its shape."""
+
+    unit: str
+    names: tuple[str, ...]
+    harmonics: int
+
+
+# An anvil torque of 1 kHz rows holds a blow of 0.3 ms by chance: its scatter is no statistic.
+STATISTICS = {
+    "current_a": ColumnStatistics("A", (LEVEL, RISE, SCATTER), 4),
+    "speed_rpm": ColumnStatistics("rpm", (LEVEL, RISE), 3),
+    "supply_v": ColumnStatistics("V", (LEVEL, RISE), 2),
+    "hammer_mm": ColumnStatistics("mm", (LEVEL,), 3),
+    "anvil_angle_rad": ColumnStatistics("rad", (LEVEL, RISE), 0),
+    "anvil_torque_nm": ColumnStatistics("N m", (LEVEL,), 0),
+}
+HARMONICS = max(one.harmonics for one in STATISTICS.values())
+STATISTIC_NAMES = (
+    PERIOD,
+    *(
+        f"{column}.{kind}"
+        for column, one in STATISTICS.items()
+        for kind in (*one.names, *((SHAPE,) if one.harmonics else ()))
+    ),
+)
