@@ -28,6 +28,7 @@ from vgroove.gap.residual.impact.harmonics import (
 from vgroove.units import TURN_RAD
 
 REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamental may give the phase
+NOISE_LEFT = 0.88  # RMS of unit white noise after interpolated(), over all places between rows
 MIN_SIGNAL = 3.0  # standard deviations by which the fundamental of a cycle stands out
 MAX_RISE = 2.0  # rise of the reference over a window with a cycle, in amplitudes of its fundamental
 MIN_AMPLITUDE = 1e-9  # of the reference harmonic: avoids a division by 0
@@ -136,7 +137,7 @@ class CycleReader:
             rotated = fit.amplitude[k, :, part.harmonic - 1] * turn**part.harmonic
             return rotated.imag if part.across else rotated.real
         if part.kind == SCATTER:
-            noise = self.noise[part.column] if add_noise else 0.0
+            noise = NOISE_LEFT * self.noise[part.column] if add_noise else 0.0
             return np.hypot(fit.scatter[k], noise)
         return fit.level[k] if part.kind == LEVEL else fit.slope_per_s[k]
 

@@ -1,5 +1,5 @@
-"""The speed that a Hall sensor's reader gives along a simulated motion, as its mean over the unknown
-places of the edges in the turn.
+"""The speed that a Hall sensor's reader gives along a simulated motion, as its mean over all places
+that the edges may have in the turn.
 
 A reading is the mean speed over the last edge period (docs/spec/gap.md, section 1), and the age of
 that edge is uniformly distributed over one period. The mean reading is therefore the speed under a
