@@ -172,11 +172,12 @@ def _gated(key: str) -> Made:
 
 
 def _bit(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
+    """A bit with play; the smaller the play, the stiffer and lighter the bit."""
     return {
         "u_bit_play_rad": size,
-        "coupler_nm_per_rad": 2500.0,
+        "coupler_nm_per_rad": float(np.clip(25.0 / size, 2500.0, 6e4)),
         "coupler_nm_s_per_rad": 0.2,
-        "coupler_inertia_kg_m2": 6e-6,
+        "coupler_inertia_kg_m2": 6e-6 * min(size / 0.01, 1.0),
     }
 
 

@@ -214,13 +214,17 @@ def draw_impact_rig(joint: str, rng: np.random.Generator, **changes: object) -> 
 def draw_tolerance(
     rig: ImpactRig, tool: bool, joint: bool, rng: np.random.Generator
 ) -> dict[str, float]:
-    """[tolerance] of a rig whose tool or joint is not known exactly."""
+    """[tolerance] of a rig whose tool or joint is not known exactly: of the joint's keys each in
+    two thirds of the cases, at least one.
+    """
     found: dict[str, float] = {}
     if tool:
         found |= MOTOR_TOLERANCE | (MECHANISM_TOLERANCE if rng.uniform() < 0.5 else {})
     if joint:
         keys = ("stiffness_nm_per_rad",) if rig.locked else LOOSE_KEYS[rig.joint]
-        found |= {f"load.{key}": round(float(rng.uniform(*LOOSE_SIGMA)), 2) for key in keys}
+        sure = int(rng.integers(len(keys)))
+        loose = [k for n, k in enumerate(keys) if n == sure or rng.uniform() < 2.0 / 3.0]
+        found |= {f"load.{key}": round(float(rng.uniform(*LOOSE_SIGMA)), 2) for key in loose}
     return found
 
 

@@ -56,7 +56,8 @@ class UnsuitableDraw(Exception):
 @dataclass(frozen=True)
 class ImpactOptions:
     """Options of a set of cases; `tool` and `joint` are the shares of cases with a tool and a joint
-    off by the rig's tolerances, `bench` the share with bench channels; `sizes` are multiples of the
+    off by the rig's tolerances (half of these have effects of other forms than the catalogue's),
+    `bench` the share with bench channels; `sizes` are multiples of the
     visible limit.
     """
 
@@ -126,7 +127,8 @@ def draw_setting(ids: list[str], options: ImpactOptions, rng: np.random.Generato
     tight = rig.joint != "hard_joint"
     profile = draw_impact(str(rng.choice(names)), seconds, tight, rng)
     seed = int(rng.integers(1, 2**31))
-    return ImpactSetting(rig, draw_impact_tool(rig, rng), profile, seconds, seed)
+    other = bool(rig.tolerance) and bool(seed % 2)
+    return ImpactSetting(rig, draw_impact_tool(rig, rng), profile, seconds, seed, other)
 
 
 def draw_impact_case(kind: str, index: int, options: ImpactOptions, seed: int) -> ImpactCase:
@@ -203,6 +205,7 @@ def label_of(case: ImpactCase) -> dict[str, object]:
         "joint": "locked" if rig.locked else rig.joint,
         "profile": setting.profile.name,
         "bench": list(rig.bench),
+        "other_forms": setting.other_forms,
         "seed": setting.seed,
     }
     if label == "unlisted":
