@@ -106,6 +106,20 @@ LOOSE_KEYS = {
     "wood_screw": ("start_nm", "end_nm", "seat_nm", "stiffness_nm_per_rad"),
 }
 LOOSE_SIGMA = (0.1, 0.3)
+# Effect -> keys of [load] that describe the same and therefore have no tolerance in its cases
+SAME_AS = {
+    "thread_friction": (
+        "run_torque_nm",
+        "slip_slope_nm_per_rad",
+        "friction",
+        "from_turns",
+        "start_nm",
+        "end_nm",
+        "seat_nm",
+    ),
+    "joint_hysteresis": ("friction",),
+    "joint_stiffness": ("stiffness_nm_per_rad",),
+}
 # Keys of a rig whose generator parameter has another name
 RENAMED = {
     "supply.resistance_ohm": "supply_resistance_ohm",
@@ -226,6 +240,12 @@ def draw_tolerance(
         loose = [k for n, k in enumerate(keys) if n == sure or rng.uniform() < 2.0 / 3.0]
         found |= {f"load.{key}": round(float(rng.uniform(*LOOSE_SIGMA)), 2) for key in loose}
     return found
+
+
+def without_same(tolerance: dict[str, float], ids: list[str]) -> dict[str, float]:
+    """[tolerance] without the keys that describe the same as one of the effects."""
+    same = {f"load.{key}" for i in ids for key in SAME_AS.get(i, ())}
+    return {key: sigma for key, sigma in tolerance.items() if key not in same}
 
 
 def draw_impact_tool(rig: ImpactRig, rng: np.random.Generator) -> ImpactRig:

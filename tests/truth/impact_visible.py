@@ -212,11 +212,16 @@ def groups(setting: ImpactSetting) -> np.ndarray:
     return np.array(one * len(stretches(setting)) + ["run_up"] * 2 * RUN_UP_PARTS)
 
 
+def sure_squares(found: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Squares (n,) of clipped changes less SURE standard errors."""
+    return np.maximum(np.clip(found, -CLIP, CLIP) ** 2 - (SURE * error) ** 2, 0.0)
+
+
 def strength(group: np.ndarray, found: np.ndarray, error: np.ndarray) -> float:
     """RMS of changes (n,) in sigma over the group in which it is largest, each change clipped, and
     less SURE standard errors (n,). A small group counts as one of LEAST_GROUP.
     """
-    squares = np.maximum(np.clip(found, -CLIP, CLIP) ** 2 - (SURE * error) ** 2, 0.0)
+    squares = sure_squares(found, error)
     names = np.unique(group)
     sums = [
         squares[group == name].sum() / max(np.sum(group == name), LEAST_GROUP) for name in names
@@ -225,24 +230,31 @@ def strength(group: np.ndarray, found: np.ndarray, error: np.ndarray) -> float:
 
 
 def remainder(
-    reference: Reference, found: np.ndarray, error: np.ndarray, columns: np.ndarray
-) -> np.ndarray:
-    """What remains of changes (n,) after a fit of the tolerated keys and of `columns` (n, q)."""
+    reference: Reference,
+    changed: tuple[np.ndarray, np.ndarray],
+    columns: Sequence[np.ndarray] = (),
+    least: Sequence[float] = (),
+) -> tuple[np.ndarray, np.ndarray]:
+    """(coefficients (q,), remainder (n,)) of a fit of the tolerated keys and of q columns (n,) to
+    changes (n,) with standard errors (n,); `least` bounds the coefficients.
+    """
+    found, error = changed
     weight = 1.0 / np.sqrt(1.0 + error**2)
-    left = fit(
+    table = np.array(columns).reshape(len(columns), len(found)).T
+    size, left = fit(
         found * weight,
         reference.tolerated * weight[:, None],
         reference.tool_sigmas,
-        columns * weight[:, None],
-        np.full(columns.shape[1], -np.inf),
-    )[1]
-    return left / weight
+        table * weight[:, None],
+        np.array(least, dtype=float) if least else np.full(len(columns), -np.inf),
+    )
+    return size, left / weight
 
 
 def visibility(reference: Reference, params: dict[str, float]) -> float:
     """The visibility of effects by their parameters, the tolerated keys fitted."""
     found, error = change(reference, params)
-    left = remainder(reference, found, error, np.zeros((len(found), 0)))
+    left = remainder(reference, (found, error))[1]
     return strength(groups(reference.setting), left, error)
 
 

@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,11 @@ from impact_cases import BENCH, ImpactSetting, effect_params, log_columns, simul
 from impact_effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
 from impact_profiles import NAMES, draw_impact
 from impact_rigs import (
-    ImpactRig,
     draw_impact_rig,
     draw_impact_tool,
     draw_tolerance,
     impact_toml,
+    without_same,
 )
 from impact_visible import Reference, largest, reference_of, visible_limit
 
@@ -117,7 +117,7 @@ def draw_setting(ids: list[str], options: ImpactOptions, rng: np.random.Generato
     rig = draw_impact_rig(str(rng.choice(joints)), rng, slew_per_s=slew, bench=bench)
     known = rng.uniform() >= options.tool, rng.uniform() >= options.joint
     tolerance = draw_tolerance(rig, not known[0], not known[1], rng)
-    rig = ImpactRig(**{**vars(rig), "tolerance": tolerance})
+    rig = replace(rig, tolerance=without_same(tolerance, ids))
     names = [n for n in options.profiles if n != "loosen" or not rig.locked]
     if any(BY_ID[i].needs == "loosen" for i in ids):
         names = ["loosen"]
