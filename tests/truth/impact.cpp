@@ -12,6 +12,8 @@ constexpr double TURN = 6.283185307179586;
 constexpr double COPPER_PER_KELVIN = 0.00393;  // resistivity of annealed copper at 20 C, IEC 60028
 constexpr double EVENT_S = 5e-7;               // length of a step in which the lugs' place changes
 constexpr double SHORTEST_S = 2e-8;
+constexpr double SHORTEST_LAG_S =
+    1e-5;                         // of the current sensor: shorter ones would only slow the steps
 constexpr double COAST_A = 0.02;  // below it the diodes of an open bridge block
 // Error allowed per step: A, rad/s, rad, in the order of StateIndex
 constexpr double ALLOWED[CONTROLLED_COUNT] = {2e-3, 2e-3, 1e-6, 4e-3, 1e-6, 4e-3, 4e-7, 4e-7,
@@ -227,7 +229,7 @@ void ImpactTool::electric_rates(double t, const StateVector &y, StateVector &d) 
 
 // The filter of the current sensor, of one stage or two; returns its output.
 double ImpactTool::sensor_rates(double current, const StateVector &y, StateVector &d) const {
-    if (params.current_lag_s <= 0.0) {
+    if (params.current_lag_s < SHORTEST_LAG_S) {
         return current;
     }
     double from = current;
