@@ -37,6 +37,8 @@ void ImpactTool::start() {
     time_s = 0.0;
     edges.clear();
     blows.clear();
+    commands.clear();
+    dead_share = 0.0;
     random = RandomStream(static_cast<std::uint64_t>(params.seed));
     place_ = LugPlace::GAP;
     lug_ = 0;
@@ -192,11 +194,11 @@ double ImpactTool::saturated_k(double current) const {
 // Mean voltage at the motor; dead time takes its part by the sign of the current over its ripple.
 double ImpactTool::bridge_voltage(double duty, double bus, double current) const {
     double volts = duty * bus;
-    if (params.dead_time_s > 0.0 && duty != 0.0 && std::abs(duty) < 1.0) {
+    const double lost = 2.0 * params.dead_time_s * params.pwm_hz + dead_share;
+    if (lost > 0.0 && duty != 0.0 && std::abs(duty) < 1.0) {
         const double ripple = std::max(0.2, std::abs(duty) * (1.0 - std::abs(duty)) * bus /
                                                 (2.0 * params.inductance_h * params.pwm_hz));
-        volts -= 2.0 * params.dead_time_s * params.pwm_hz * bus * current /
-                 std::sqrt(current * current + 0.4 * ripple * ripple);
+        volts -= lost * bus * current / std::sqrt(current * current + 0.4 * ripple * ripple);
     }
     if (params.brush_drop_v != 0.0) {
         volts -= params.brush_drop_v * sign(current) *
@@ -239,6 +241,10 @@ double ImpactTool::sensor_rates(double current, const StateVector &y, StateVecto
     }
     d[SENSED] = (from - y[SENSED]) / params.current_lag_s;
     return y[SENSED];
+}
+
+double ImpactTool::sensed_current() const {
+    return sensed(params.current_lag_s >= SHORTEST_LAG_S ? state[SENSED] : state[CURRENT]);
 }
 
 double ImpactTool::sensed(double current) const {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <deque>
 #include <vector>
 
 #include "tool.hpp"
@@ -133,12 +134,15 @@ public:
     std::vector<Blow> blows;
     RandomStream random{1};
     long steps = 0;
+    double dead_share = 0.0;     // of the bus voltage, that the dead time of the lock-step takes
+    std::deque<Drive> commands;  // of the lock-step, those that have not reached the bridge
 
     void start();
     // Integrates to end_s with the duty linear in time.
     void advance(double end_s, double duty_begin, double duty_end, bool coast);
     double motor_speed() const;
     double motor_angle() const;
+    double sensed_current() const;
     double joint_torque() const { return joint_nm_; }
     double travel_m() const;
     double stored_energy() const;

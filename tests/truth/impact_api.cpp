@@ -10,6 +10,7 @@
 
 using truth::Blow;
 using truth::Curve;
+using truth::Drive;
 using truth::ImpactParams;
 using truth::ImpactTool;
 
@@ -248,6 +249,49 @@ int truth_impact_run(ImpactTool *tool, const TruthImpactRun *run, const double *
     return std::isfinite(tool->motor_angle()) && std::abs(tool->motor_speed()) < 1e5
                ? static_cast<int>(tool->edges.size())
                : -1;
+}
+
+// Begins a lock-step at rest.
+void truth_impact_begin(ImpactTool *tool, const TruthImpactRun *run) {
+    tool->slip = {run->forward_nm, run->backward_nm, run->slip_count, run->slip_first_rad,
+                  run->slip_step_rad};
+    tool->start();
+}
+
+struct TruthImpactPeriod {
+    double current_a, supply_v;
+    std::int32_t edge_count;
+    std::int32_t edge_cycle[8];
+};
+
+// One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as in the
+// board's message.
+void truth_impact_period(ImpactTool *tool, int coast, double duty, double dead,
+                         TruthImpactPeriod *out) {
+    constexpr double PERIOD_S = 510.0 / 16e6;
+    const auto late =
+        static_cast<std::size_t>(std::llround(tool->params.transport_delay_s / PERIOD_S));
+    tool->commands.push_back({coast != 0, duty, dead, 0.0});  // dead as a share of the voltage
+    Drive drive;
+    drive.coast = true;
+    if (tool->commands.size() > late) {
+        drive = tool->commands.front();
+        tool->commands.pop_front();
+    }
+    const double begin = tool->time_s;
+    tool->edges.clear();
+    tool->dead_share = drive.dead_s;
+    tool->advance(begin + PERIOD_S, drive.duty, drive.duty, drive.coast);
+    out->current_a = tool->sensed_current() + tool->params.current_noise_a * tool->random.normal();
+    out->supply_v =
+        tool->state[truth::BUS] / PERIOD_S + tool->params.supply_noise_v * tool->random.normal();
+    tool->state[truth::BUS] = 0.0;
+    out->edge_count = static_cast<std::int32_t>(std::min<std::size_t>(tool->edges.size(), 8));
+    for (std::int32_t n = 0; n < out->edge_count; ++n) {
+        const double cycle =
+            std::floor((tool->edges[static_cast<std::size_t>(n)].time_s - begin) * 16e6);
+        out->edge_cycle[n] = static_cast<std::int32_t>(std::clamp(cycle, 0.0, 509.0));
+    }
 }
 
 void truth_impact_edges(const ImpactTool *tool, double *time_s, double *direction) {

@@ -214,6 +214,17 @@ def draw_joint(name: str, rng: np.random.Generator) -> tuple[str, dict[str, floa
     )
 
 
+def tightened(rig: ImpactRig, rng: np.random.Generator) -> ImpactRig:
+    """The rig with a joint that is tight enough to be loosened for a second or two."""
+    turns = {
+        "disc_spring": rng.uniform(11.0, 17.0),
+        "wood_screw": rig.values.get("load.turns", 0.0) * rng.uniform(0.75, 0.98),
+    }
+    if rig.joint not in turns:
+        return rig
+    return rig.with_values(load__from_turns=three_digits(float(turns[rig.joint])))
+
+
 def draw_impact_rig(joint: str, rng: np.random.Generator, **changes: object) -> ImpactRig:
     """The reference tool with its values changed, at 16.5 to 20 V, on a drawn joint."""
     values = dict(REFERENCE_VALUES)
