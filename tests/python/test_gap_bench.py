@@ -141,7 +141,9 @@ def test_sealed_answers_can_be_neither_read_nor_changed(tmp_path: Path) -> None:
 def test_a_case_is_the_same_whenever_it_is_made(tmp_path: Path) -> None:
     entry = next(e for e in plan("tune") if e.kind == "none")
     for folder in ("a", "b"):
-        gap_bench.make(tmp_path / folder, [entry]) if (tmp_path / folder).mkdir() is None else None
+        gap_bench.make(tmp_path / folder, [entry], gap_bench.DRIVETRAIN) if (
+            tmp_path / folder
+        ).mkdir() is None else None
     names = ["answers.sealed", *(f"cases/{entry.name}/{n}" for n in ("log.csv", "rig.toml"))]
     assert all(
         (tmp_path / "a" / n).read_bytes() == (tmp_path / "b" / n).read_bytes() for n in names

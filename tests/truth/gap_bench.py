@@ -1,4 +1,4 @@
-"""The command of the blind set, `gap_bench.py list|make|open|freeze FOLDER [--set ...]
+"""The command of the blind sets, `gap_bench.py list|make|open|freeze FOLDER [--impact] [--set ...]
 [--numbers ...]`: answers are sealed as cases are made.
 """
 
@@ -6,15 +6,18 @@ import argparse
 import hashlib
 import json
 import sys
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import impact_draw
 import numpy as np
 from bench_draw import Case, accepts, case_again, draw_case, ties_of
 from bench_plan import REGIMES, SEED, SETS, Entry, plan
 from cases import Setting, columns
 from disturbances import Disturbance
 from effects import split
+from impact_plan import IMPACT_REGIMES, impact_plan
 from responses import channels, hall_angle
 from rigs import toml
 from sealed import mask
@@ -159,7 +162,40 @@ def opened(path: Path) -> dict[str, dict[str, object]]:
     return out
 
 
-def make(folder: Path, entries: list[Entry]) -> None:
+@dataclass(frozen=True)
+class BlindSet:
+    """A blind set: its plan by half and its regimes; `draw(entry)` gives (case, answer), the case
+    is drawn again by `again(entry, answer)`; `write` and `ties` take a case.
+    """
+
+    plan: Callable
+    regimes: tuple[str, ...]
+    draw: Callable
+    again: Callable
+    write: Callable
+    ties: Callable
+
+
+def drawn(entry: Entry) -> tuple[Case, dict[str, object]]:
+    """A case of the drivetrain and its answer."""
+    case = draw_case(entry)
+    return case, answer_of(case)
+
+
+def drawn_impact(entry: impact_draw.ImpactEntry) -> tuple[object, dict[str, object]]:
+    """A case of the impact tool and its answer."""
+    case, attempt = impact_draw.draw_case(entry)
+    return case, impact_draw.answer_of(entry, case, attempt)
+
+
+def answered_impact(entry: impact_draw.ImpactEntry, answer: dict[str, object]) -> object:
+    """The case of the impact tool of a sealed answer."""
+    return impact_draw.case_again(
+        entry, answer["attempt"], answer["sizes"], answer["times_visible"]
+    )
+
+
+def make(folder: Path, entries: list[Entry], blind: BlindSet) -> None:
     """Make the missing cases. An answer is sealed before its folder gets its name,
     and a case with a sealed answer is made by that answer.
     """
@@ -169,11 +205,11 @@ def make(folder: Path, entries: list[Entry]) -> None:
         target = folder / "cases" / entry.name
         if entry.name not in sealed or not target.exists():
             answer = sealed.get(entry.name)
-            case = answered_case(entry, answer) if answer else draw_case(entry)
+            case, new = (blind.again(entry, answer), None) if answer else blind.draw(entry)
             part = target.with_suffix(".part")
-            write_case(case, part)
-            if entry.name not in sealed:
-                append_sealed(path, answer_of(case), entry.name)
+            blind.write(case, part)
+            if new:
+                append_sealed(path, new, entry.name)
             part.rename(target)
         sys.stdout.write(f"{entry.number} {entry.name}\n")
         sys.stdout.flush()
@@ -198,7 +234,7 @@ def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
     """What frozen_case needs to make the sealed cases again without the search for their sizes, and
     their ties: rows of tests/truth/fixed_cases.json.
     """
-    answers = show(folder, entries, with_ties=True)
+    answers = show(folder, entries, True, DRIVETRAIN)
     rows = []
     for entry in entries:
         answer = answers[entry.name]
@@ -225,7 +261,7 @@ def frozen_case(row: dict[str, object]) -> Case:
     return case
 
 
-def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, object]:
+def show(folder: Path, entries: list[Entry], with_ties: bool, blind: BlindSet) -> dict[str, object]:
     """Answers of the entries, with the ties that are known; with_ties computes the missing ones,
     which are kept in a sealed file of their own.
     """
@@ -235,19 +271,34 @@ def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, objec
     ties = opened(kept)
     for entry in entries if with_ties else []:
         if entry.name not in ties and entry.name in out:
-            ties[entry.name] = {"ties": ties_of(answered_case(entry, out[entry.name]))}
+            ties[entry.name] = {"ties": blind.ties(blind.again(entry, out[entry.name]))}
             append_sealed(kept, ties[entry.name], entry.name)
     return {name: answer | ties.get(name, {}) for name, answer in out.items()}
 
 
-def main(arguments: list[str]) -> int:
+DRIVETRAIN = BlindSet(plan, REGIMES, drawn, answered_case, write_case, ties_of)
+IMPACT = BlindSet(
+    impact_plan,
+    IMPACT_REGIMES,
+    drawn_impact,
+    answered_impact,
+    impact_draw.write_case,
+    impact_draw.ties_of,
+)
+
+
+def parser_of_options() -> argparse.ArgumentParser:
+    """The options of the command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("list", "make", "open", "freeze"))
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--impact", action="store_true", help="the cases of the impact tool")
     parser.add_argument("--set", dest="half", choices=SETS, default="tune")
     parser.add_argument("--numbers", default="all", help="numbers with commas")
     parser.add_argument(
-        "--regime", default="all", help="regimes with commas: exact, hard, measured"
+        "--regime",
+        default="all",
+        help="regimes with commas: exact, hard, measured; of the impact tool exact, loose",
     )
     parser.add_argument(
         "--ties",
@@ -259,22 +310,30 @@ def main(arguments: list[str]) -> int:
         action="store_true",
         help="list: with kinds and ids, which the bench must not read",
     )
+    return parser
+
+
+def main(arguments: list[str]) -> int:
+    parser = parser_of_options()
     args = parser.parse_args(arguments)
-    entries = plan(args.half)
+    blind = IMPACT if args.impact else DRIVETRAIN
+    entries = blind.plan(args.half)
     if args.numbers != "all":
         entries = [entries[int(n)] for n in args.numbers.split(",") if n]
     if args.regime != "all":
         wanted = args.regime.split(",")
-        if unknown := sorted(set(wanted) - set(REGIMES)):
+        if unknown := sorted(set(wanted) - set(blind.regimes)):
             parser.error(f"no regime {unknown[0]}")
         entries = [entry for entry in entries if entry.regime in wanted]
     args.folder.mkdir(parents=True, exist_ok=True)
     if args.what == "make":
-        make(args.folder, entries)
+        make(args.folder, entries, blind)
     elif args.what == "freeze":
+        if args.impact:
+            parser.error("only cases of the drivetrain are frozen")
         sys.stdout.write(json.dumps(freeze(args.folder, entries), indent=1) + "\n")
     elif args.what == "open":
-        sys.stdout.write(json.dumps(show(args.folder, entries, args.ties)) + "\n")
+        sys.stdout.write(json.dumps(show(args.folder, entries, args.ties, blind)) + "\n")
     else:
         rows = [
             [e.number, e.name, *([e.kind, e.regime, e.first] if args.kinds else [])]

@@ -12,13 +12,21 @@ constexpr double TURN = 6.283185307179586;
 constexpr double COPPER_PER_KELVIN = 0.00393;  // resistivity of annealed copper at 20 C, IEC 60028
 constexpr double EVENT_S = 5e-7;               // length of a step in which the lugs' place changes
 constexpr double SHORTEST_S = 2e-8;
+constexpr double SHORTEST_LAG_S =
+    1e-5;                         // of the current sensor: shorter ones would only slow the steps
 constexpr double COAST_A = 0.02;  // below it the diodes of an open bridge block
 // Error allowed per step: A, rad/s, rad, in the order of StateIndex
-constexpr double ALLOWED[CONTROLLED_COUNT] = {2e-3, 2e-3, 1e-6, 4e-3, 1e-6, 4e-3, 4e-7,
-                                              4e-7, 1e-5, 4e-3, 4e-7, 1e-2, 1e-5, 2e-2};
+constexpr double ALLOWED[CONTROLLED_COUNT] = {2e-3, 2e-3, 1e-6, 4e-3, 1e-6, 4e-3, 4e-7, 4e-7,
+                                              1e-5, 4e-3, 4e-7, 1e-2, 1e-5, 2e-2, 2e-2};
 
 double sign(double x) {
     return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
+}
+
+// (|x| / reference)^power, constant below a fiftieth of the reference, since a negative power
+// diverges at 0.
+double power_law(double x, double reference, double power) {
+    return std::pow(std::max(std::abs(x) / reference, 0.02), power);
 }
 
 }  // namespace
@@ -29,6 +37,8 @@ void ImpactTool::start() {
     time_s = 0.0;
     edges.clear();
     blows.clear();
+    commands.clear();
+    dead_share = 0.0;
     random = RandomStream(static_cast<std::uint64_t>(params.seed));
     place_ = LugPlace::GAP;
     lug_ = 0;
@@ -85,8 +95,9 @@ ImpactTool::Contact ImpactTool::contact(double depth, double rate) const {
         return {0.0, 0.0};
     }
     const double ramp = std::min(depth / params.contact_ramp_m, 1.0);
-    return {params.contact_stiffness_n_per_m * depth,
-            rate > 0.0 ? params.contact_damping_n_s_per_m * ramp * rate : 0.0};
+    const double damping =
+        params.contact_damping_n_s_per_m * ramp + params.extra_damping_n_s_per_m2 * depth;
+    return {params.contact_stiffness_n_per_m * depth, rate > 0.0 ? damping * rate : 0.0};
 }
 
 // Angle between hammer and anvil at which the hammer touches the lug in front of it.
@@ -119,7 +130,7 @@ ImpactTool::Push ImpactTool::lug_push(const StateVector &y) const {
 
 // Axial contact forces: the end stop pushes the hammer forward (positive), the top of a lug holds
 // it back.
-ImpactTool::Contact ImpactTool::axial(const StateVector &, const Groove &g, double rate) const {
+ImpactTool::Contact ImpactTool::axial(const Groove &g, double rate) const {
     const double e = params.vertex_rad, q = params.travel_rad;
     const double stop = params.groove_lead_m_per_rad * (std::sqrt(q * q + e * e) - e);
     const Contact end = contact(g.travel - stop, rate);
@@ -148,7 +159,8 @@ void ImpactTool::joint_rates(const StateVector &y, StateVector &d) {
     const double speed = bit ? y[BIT_SPEED] : y[ANVIL_SPEED], angle = bit ? y[BIT] : y[ANVIL];
     const double head = angle - y[TWIST];
     const double soft = 1.0 / (1.0 + p.u_heat_per_joule * slow.joint_heat);
-    const double elastic = p.joint_nm_per_rad * y[TWIST];
+    const double elastic =
+        p.joint_nm_per_rad * y[TWIST] * (1.0 + p.joint_cubic_per_rad2 * y[TWIST] * y[TWIST]);
     joint_nm_ = std::clamp(elastic + p.joint_nm_s_per_rad * speed,
                            -soft * slip_torque(head, slip.backward_nm),
                            soft * slip_torque(head, slip.forward_nm));
@@ -182,11 +194,11 @@ double ImpactTool::saturated_k(double current) const {
 // Mean voltage at the motor; dead time takes its part by the sign of the current over its ripple.
 double ImpactTool::bridge_voltage(double duty, double bus, double current) const {
     double volts = duty * bus;
-    if (params.dead_time_s > 0.0 && duty != 0.0 && std::abs(duty) < 1.0) {
+    const double lost = 2.0 * params.dead_time_s * params.pwm_hz + dead_share;
+    if (lost > 0.0 && duty != 0.0 && std::abs(duty) < 1.0) {
         const double ripple = std::max(0.2, std::abs(duty) * (1.0 - std::abs(duty)) * bus /
                                                 (2.0 * params.inductance_h * params.pwm_hz));
-        volts -= 2.0 * params.dead_time_s * params.pwm_hz * bus * current /
-                 std::sqrt(current * current + 0.4 * ripple * ripple);
+        volts -= lost * bus * current / std::sqrt(current * current + 0.4 * ripple * ripple);
     }
     if (params.brush_drop_v != 0.0) {
         volts -= params.brush_drop_v * sign(current) *
@@ -206,8 +218,7 @@ void ImpactTool::electric_rates(double t, const StateVector &y, StateVector &d) 
         volts = std::abs(i) < COAST_A && std::abs(emf) < bus ? emf + i * resistance_ : diode;
         bus -= source_ohm_ * -std::abs(i);
     } else {
-        bus -=
-            source_ohm_ * duty * i + params.supply_square_ohm_per_a * duty * i * std::abs(duty * i);
+        bus -= source_ohm_ * duty * i;
         volts = bridge_voltage(duty, bus, i);
     }
     d[CURRENT] = (volts - resistance_ * i - emf) / params.inductance_h;
@@ -215,13 +226,31 @@ void ImpactTool::electric_rates(double t, const StateVector &y, StateVector &d) 
     d[CHARGE] = i;
     d[INPUT_J] = volts * i;
     d[LOST_J] += resistance_ * i * i;
-    const double seen = params.current_lag_s > 0.0 ? y[SENSED] : i;
-    d[SENSED] = params.current_lag_s > 0.0 ? (i - y[SENSED]) / params.current_lag_s : 0.0;
-    d[SENSED_CHARGE] = sensed(seen);
+    d[SENSED_CHARGE] = sensed(sensor_rates(i, y, d));
+}
+
+// The filter of the current sensor, of one stage or two; returns its output.
+double ImpactTool::sensor_rates(double current, const StateVector &y, StateVector &d) const {
+    if (params.current_lag_s < SHORTEST_LAG_S) {
+        return current;
+    }
+    double from = current;
+    if (params.current_lag2_s > 0.0) {
+        d[SENSED_FIRST] = (current - y[SENSED_FIRST]) / params.current_lag2_s;
+        from = y[SENSED_FIRST];
+    }
+    d[SENSED] = (from - y[SENSED]) / params.current_lag_s;
+    return y[SENSED];
+}
+
+double ImpactTool::sensed_current() const {
+    return sensed(params.current_lag_s >= SHORTEST_LAG_S ? state[SENSED] : state[CURRENT]);
 }
 
 double ImpactTool::sensed(double current) const {
-    const double value = current * (1.0 + params.current_gain) + params.current_offset_a;
+    const double bend =
+        1.0 + params.current_gain_bend * (std::abs(current) / params.reference_a - 1.0);
+    const double value = current * (1.0 + params.current_gain * bend) + params.current_offset_a;
     return params.current_limit_a > 0.0
                ? std::clamp(value, -params.current_limit_a, params.current_limit_a)
                : value;
@@ -234,12 +263,13 @@ double ImpactTool::dry_level(double w, double current) const {
     if (p.breakaway_nm != 0.0) {
         level += p.breakaway_nm * std::exp(-std::pow(w / p.stribeck_rad_s, 2.0));
     }
+    if (p.power_coulomb_nm != 0.0) {
+        level += p.power_coulomb_nm * power_law(w, p.reference_rad_s, p.coulomb_power);
+    }
     if (p.load_friction != 0.0) {
         const double load = std::abs(k_ * current);
         level += p.load_friction * load *
-                 (p.load_friction_power == 1.0
-                      ? 1.0
-                      : std::pow(load / p.load_reference_nm + 1e-3, p.load_friction_power - 1.0));
+                 power_law(load, p.load_reference_nm, p.load_friction_power - 1.0);
     }
     return std::max(level, 0.0);
 }
@@ -254,6 +284,9 @@ double ImpactTool::friction(double t, const StateVector &y, StateVector &d) cons
     d[BRISTLE] = (torque - bent) / bristle_nm_s_;
     torque += p.viscous_nm_s_per_rad * w + p.quadratic_nm_s2 * w * std::abs(w) +
               p.directional_viscous_nm_s * std::abs(w);
+    if (p.extra_viscous_nm_s != 0.0) {
+        torque += p.extra_viscous_nm_s * w * power_law(w, p.reference_rad_s, p.viscous_power - 1.0);
+    }
     if (p.grease_nm_s != 0.0) {
         torque += p.grease_nm_s * std::exp(-t / p.grease_s) * w;
     }
@@ -266,6 +299,37 @@ double ImpactTool::friction(double t, const StateVector &y, StateVector &d) cons
     }
     d[LOST_J] += torque * w - bent * d[BRISTLE];
     return torque;
+}
+
+// Force of the spring, with a progressive part, and one of coils that touch.
+double ImpactTool::spring_force(double travel) const {
+    const ImpactParams &p = params;
+    const double force = p.spring_preload_n + p.spring_rate_n_per_m * travel +
+                         p.spring_square_n_per_m2 * travel * travel;
+    return p.u_coil_bind_n_per_m == 0.0
+               ? force
+               : force + p.u_coil_bind_n_per_m * std::max(travel - p.u_coil_bind_at_m, 0.0);
+}
+
+// Dry friction of the hammer in its housing, where it is retracted beyond a place.
+double ImpactTool::hammer_drag(const StateVector &y, double travel) const {
+    const ImpactParams &p = params;
+    if (p.u_housing_drag_nm == 0.0) {
+        return 0.0;
+    }
+    return p.u_housing_drag_nm * std::tanh(y[HAMMER_SPEED] / 0.5) /
+           (1.0 + std::exp(-(travel - p.u_drag_from_m) / p.u_drag_width_m));
+}
+
+// Torque of the groove's friction against a sliding speed, from the axial force of the ball.
+double ImpactTool::groove_rub(double force, double q_rate) const {
+    const ImpactParams &p = params;
+    const double lead = p.groove_lead_m_per_rad / p.groove_radius_m;
+    const double arm = p.groove_radius_m * std::sqrt(1.0 + lead * lead);  // r / cos(atan(l / r))
+    const double slow_share =
+        p.groove_static != 0.0 ? p.groove_static * std::exp(-std::abs(q_rate) / 10.0) : 0.0;
+    return p.groove_friction * (1.0 + slow_share) * std::abs(force) * arm *
+           std::tanh(q_rate / p.groove_knee_rad_s);
 }
 
 // Accelerations of spindle and hammer: the groove couples both by q = spindle - hammer, and the
@@ -285,16 +349,8 @@ void ImpactTool::hammer_rates(const StateVector &y, double shaft_nm, const Push 
         shaft_inertia -= coupled * coupled / arm_mass;
         drive += coupled * arm_nm / arm_mass;
     }
-    double spring = p.spring_preload_n + p.spring_rate_n_per_m * g.travel;
-    if (p.u_coil_bind_n_per_m != 0.0) {
-        spring += p.u_coil_bind_n_per_m * std::max(g.travel - p.u_coil_bind_at_m, 0.0);
-    }
-    double drag = 0.0;
-    if (p.u_housing_drag_nm != 0.0) {
-        drag = p.u_housing_drag_nm * std::tanh(y[HAMMER_SPEED] / 0.5) /
-               (1.0 + std::exp(-(g.travel - p.u_drag_from_m) / p.u_drag_width_m));
-    }
-    const Contact stop = axial(y, g, g.slope * q_rate);
+    const double spring = spring_force(g.travel), drag = hammer_drag(y, g.travel);
+    const Contact stop = axial(g, g.slope * q_rate);
     const double held = spring + stop.stored_n + stop.damping_n + m * g.bend * q_rate * q_rate;
     const double hammer = p.hammer_inertia_kg_m2, lug_nm = push.hammer_nm + drag;
     const double mobility = 1.0 / shaft_inertia + 1.0 / hammer;
@@ -302,10 +358,7 @@ void ImpactTool::hammer_rates(const StateVector &y, double shaft_nm, const Push 
     double rub = 0.0;
     double q_acc = (drive / shaft_inertia + lug_nm / hammer - g.slope * held * mobility) / q_mass;
     if (p.groove_friction != 0.0) {
-        const double lead = p.groove_lead_m_per_rad / p.groove_radius_m;
-        const double arm = p.groove_radius_m * std::sqrt(1.0 + lead * lead);  // r / cos(atan(l/r))
-        const double force = std::abs(held + m * g.slope * q_acc);
-        rub = p.groove_friction * force * arm * std::tanh(q_rate / p.groove_knee_rad_s);
+        rub = groove_rub(held + m * g.slope * q_acc, q_rate);
         q_acc -= rub * mobility / q_mass;
     }
     const double ball_nm = g.slope * (held + m * g.slope * q_acc) + rub;
@@ -439,9 +492,15 @@ void ImpactTool::slow_rates(double h) {
     slow.housing_kelvin += h * p.heating_housing_share * out;
     slow.joint_heat += h * (std::abs(joint_nm_ * slip_rate_) - slow.joint_heat / p.u_heat_s);
     resistance_ = ohm + p.bridge_resistance_ohm + (slow.gate ? p.u_brush_ohm : 0.0);
+    if (p.extra_ohm != 0.0) {
+        resistance_ += p.extra_ohm * power_law(i, p.reference_a, p.extra_ohm_power);
+    }
     open_circuit_v_ = p.voltage_v - p.droop_volt_per_coulomb * slow.charge_c - slow.polarisation_v -
                       slow.polarisation2_v;
     source_ohm_ = p.supply_resistance_ohm + (slow.gate ? p.u_contact_ohm : 0.0);
+    if (p.extra_source_ohm != 0.0) {
+        source_ohm_ += p.extra_source_ohm * power_law(bus_a, p.reference_a, p.source_power);
+    }
     k_ = p.torque_constant_nm_per_a * (1.0 - (slow.gate ? p.u_flux_loss : 0.0));
     wander_nm_ =
         p.u_wander_nm != 0.0 ? p.u_wander_nm * std::sin(TURN * time_s / p.u_wander_s) : 0.0;
@@ -549,6 +608,7 @@ double ImpactTool::stored_energy() const {
                     kinetic(p.hammer_mass_kg, g.slope * q_rate) +
                     kinetic(p.anvil_inertia_kg_m2, y[ANVIL_SPEED]);
     energy += p.spring_preload_n * g.travel + kinetic(p.spring_rate_n_per_m, g.travel) +
+              p.spring_square_n_per_m2 * std::pow(g.travel, 3.0) / 3.0 +
               kinetic(p.joint_nm_per_rad, y[TWIST]) + kinetic(bristle_nm_per_rad_, y[BRISTLE]);
     if (p.coupler_nm_per_rad > 0.0) {
         energy += kinetic(p.coupler_nm_per_rad, y[ANVIL] - y[BIT]) +

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <deque>
 #include <vector>
 
 #include "tool.hpp"
@@ -15,7 +16,7 @@ struct ImpactParams {
     // supply and bridge
     double voltage_v = 18.5, supply_resistance_ohm = 0.10, pwm_hz = 20000.0;
     double droop_volt_per_coulomb = 0.0, polarisation_ohm = 0.0, polarisation_s = 1.0;
-    double polarisation2_ohm = 0.0, polarisation2_s = 1.0, supply_square_ohm_per_a = 0.0;
+    double polarisation2_ohm = 0.0, polarisation2_s = 1.0;
     double dead_time_s = 0.0, bridge_resistance_ohm = 0.0, transport_delay_s = 0.0;
     // motor
     double resistance_ohm = 0.19, inductance_h = 1e-4, torque_constant_nm_per_a = 0.0109;
@@ -57,6 +58,14 @@ struct ImpactParams {
     double u_bit_play_rad = 0.0;
     double u_heat_per_joule = 0.0, u_heat_s = 0.5;
     double u_wander_nm = 0.0, u_wander_s = 1.3;
+    // functional forms other than the catalogue's: powers over a reference, second stages, bends
+    double extra_ohm = 0.0, extra_ohm_power = 0.0, extra_source_ohm = 0.0, source_power = 0.0,
+           reference_a = 25.0;
+    double power_coulomb_nm = 0.0, coulomb_power = 0.0, extra_viscous_nm_s = 0.0,
+           viscous_power = 1.0, reference_rad_s = 900.0;
+    double groove_static = 0.0, spring_square_n_per_m2 = 0.0, extra_damping_n_s_per_m2 = 0.0,
+           joint_cubic_per_rad2 = 0.0;
+    double current_lag2_s = 0.0, current_gain_bend = 0.0;
     // start, tolerance of a step relative to its default, largest step, seed of the random numbers
     double hammer_start_rad = -1.0, tolerance = 1.0, step_s = 5e-5, seed = 1.0;
 };
@@ -92,6 +101,7 @@ enum StateIndex {
     ARM_SPEED,
     ARM,
     SENSED,
+    SENSED_FIRST,
     CONTROLLED_COUNT,  // the states above control the step
     CHARGE = CONTROLLED_COUNT,
     SENSED_CHARGE,
@@ -124,12 +134,15 @@ public:
     std::vector<Blow> blows;
     RandomStream random{1};
     long steps = 0;
+    double dead_share = 0.0;     // of the bus voltage, that the dead time of the lock-step takes
+    std::deque<Drive> commands;  // of the lock-step, those that have not reached the bridge
 
     void start();
     // Integrates to end_s with the duty linear in time.
     void advance(double end_s, double duty_begin, double duty_end, bool coast);
     double motor_speed() const;
     double motor_angle() const;
+    double sensed_current() const;
     double joint_torque() const { return joint_nm_; }
     double travel_m() const;
     double stored_energy() const;
@@ -169,7 +182,7 @@ private:
     double slip_torque(double head, const double *table) const;
     Push lug_push(const StateVector &y) const;
     Contact contact(double depth, double rate) const;
-    Contact axial(const StateVector &y, const Groove &groove, double rate) const;
+    Contact axial(const Groove &groove, double rate) const;
     Groove groove(double q) const;
     void hammer_rates(const StateVector &y, double shaft_nm, const Push &push, StateVector &d);
     double flank(long lug) const;
@@ -186,6 +199,10 @@ private:
     double edge_angle(long index) const;
     double contact_energy() const;
     double sensed(double current) const;
+    double sensor_rates(double current, const StateVector &y, StateVector &d) const;
+    double spring_force(double travel) const;
+    double hammer_drag(const StateVector &y, double travel) const;
+    double groove_rub(double force, double q_rate) const;
 };
 
 }  // namespace truth

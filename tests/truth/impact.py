@@ -4,7 +4,7 @@ import ctypes
 from dataclasses import dataclass
 
 import numpy as np
-from truth import _DOUBLES, Command, Run, _pointer, library_path
+from truth import _DOUBLES, Command, Run, _Period, _pointer, library_path
 
 INSIDE = (
     "time_s",
@@ -82,6 +82,15 @@ def _load() -> ctypes.CDLL:
     ]
     lib.truth_impact_edges.argtypes = [ctypes.c_void_p, _DOUBLES, _DOUBLES]
     lib.truth_impact_blows.argtypes = [ctypes.c_void_p, _DOUBLES, ctypes.c_int]
+    lib.truth_impact_begin.argtypes = [ctypes.c_void_p, ctypes.POINTER(_ImpactRun)]
+    lib.truth_impact_period.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_int,
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.POINTER(_Period),
+    ]
+    lib.truth_impact_period.restype = None
     lib.truth_impact_inside.argtypes = [ctypes.c_void_p, _DOUBLES]
     return lib
 
@@ -124,22 +133,7 @@ class ImpactGenerator:
         """
         rows = np.ascontiguousarray(row_s, dtype=float)
         out = np.zeros((len(rows), 8))
-        named = {
-            name: np.ascontiguousarray(getattr(command, name), dtype=float)
-            for name in ("time_s", "duty", "coast")
-        }
-        named |= {
-            name: np.ascontiguousarray(getattr(slip, name), dtype=float)
-            for name in ("forward_nm", "backward_nm")
-        }
-        self._arrays = list(named.values())  # the library keeps the addresses
-        message = _ImpactRun(
-            **{name: _pointer(array) for name, array in named.items()},
-            count=len(named["time_s"]),
-            slip_count=len(named["forward_nm"]),
-            slip_first_rad=slip.first_rad,
-            slip_step_rad=slip.step_rad,
-        )
+        message = self._message(command, slip)
         lib = ImpactGenerator._lib
         count = lib.truth_impact_run(
             self._tool, ctypes.byref(message), _pointer(rows), len(rows), _pointer(out)
@@ -152,3 +146,51 @@ class ImpactGenerator:
         order = np.argsort(edges[0], kind="stable")
         run = Run(0.0, rows, *out.T[:5].copy(), edges[0][order], edges[1][order])
         return ImpactRun(run, out[:, 5], out[:, 6], out[:, 7] * 1e3, *blows[:struck].T.copy())
+
+    def _message(self, command: Command | None, slip: SlipTorque) -> _ImpactRun:
+        """Command and joint as the library takes them; the arrays are kept, since it keeps their
+        addresses.
+        """
+        named = {"time_s": command, "duty": command, "coast": command} if command else {}
+        named |= {"forward_nm": slip, "backward_nm": slip}
+        arrays = {
+            name: np.ascontiguousarray(getattr(of, name), dtype=float) for name, of in named.items()
+        }
+        self._arrays = list(arrays.values())
+        return _ImpactRun(
+            **{name: _pointer(array) for name, array in arrays.items()},
+            count=len(arrays["time_s"]) if command else 0,
+            slip_count=len(arrays["forward_nm"]),
+            slip_first_rad=slip.first_rad,
+            slip_step_rad=slip.step_rad,
+        )
+
+
+class ImpactTruthTool(ImpactGenerator):
+    """The impact tool in lock-step with the board, as truth.TruthTool: one call is 510 cycles of
+    16 MHz.
+    """
+
+    def __init__(self, slip: SlipTorque, **params: float) -> None:
+        super().__init__(**params)
+        lib = ImpactGenerator._lib
+        lib.truth_impact_begin(self._tool, ctypes.byref(self._message(None, slip)))
+        self._answer = _Period()
+        self._reference = ctypes.byref(self._answer)
+        self._call = lib.truth_impact_period
+
+    def period(
+        self, coast: int, duty: float, dead: float, load_nm: float = 0.0
+    ) -> tuple[float, float, list[int]]:
+        """(current in A at the end of the period, mean supply in V, Hall edges as cycles 0..509),
+        with the noise of the sensors; the load is the tool's joint.
+        """
+        answer = self._answer
+        self._call(self._tool, coast, duty, dead, self._reference)
+        return answer.current_a, answer.supply_v, answer.edge_cycle[: answer.edge_count]
+
+    def blows(self) -> np.ndarray:
+        """The blows (m, 6) since the start, the columns as in ImpactRun from blow_s on."""
+        out = np.zeros((MOST_BLOWS, 6))
+        count = ImpactGenerator._lib.truth_impact_blows(self._tool, _pointer(out), MOST_BLOWS)
+        return out[: min(count, MOST_BLOWS)]

@@ -10,6 +10,7 @@
 
 using truth::Blow;
 using truth::Curve;
+using truth::Drive;
 using truth::ImpactParams;
 using truth::ImpactTool;
 
@@ -33,7 +34,6 @@ const Field FIELDS[] = {
     FIELD(polarisation_s),
     FIELD(polarisation2_ohm),
     FIELD(polarisation2_s),
-    FIELD(supply_square_ohm_per_a),
     FIELD(dead_time_s),
     FIELD(bridge_resistance_ohm),
     FIELD(transport_delay_s),
@@ -126,6 +126,22 @@ const Field FIELDS[] = {
     FIELD(u_heat_s),
     FIELD(u_wander_nm),
     FIELD(u_wander_s),
+    FIELD(extra_ohm),
+    FIELD(extra_ohm_power),
+    FIELD(extra_source_ohm),
+    FIELD(source_power),
+    FIELD(reference_a),
+    FIELD(power_coulomb_nm),
+    FIELD(coulomb_power),
+    FIELD(extra_viscous_nm_s),
+    FIELD(viscous_power),
+    FIELD(reference_rad_s),
+    FIELD(groove_static),
+    FIELD(spring_square_n_per_m2),
+    FIELD(extra_damping_n_s_per_m2),
+    FIELD(joint_cubic_per_rad2),
+    FIELD(current_lag2_s),
+    FIELD(current_gain_bend),
     FIELD(hammer_start_rad),
     FIELD(tolerance),
     FIELD(step_s),
@@ -233,6 +249,49 @@ int truth_impact_run(ImpactTool *tool, const TruthImpactRun *run, const double *
     return std::isfinite(tool->motor_angle()) && std::abs(tool->motor_speed()) < 1e5
                ? static_cast<int>(tool->edges.size())
                : -1;
+}
+
+// Begins a lock-step at rest.
+void truth_impact_begin(ImpactTool *tool, const TruthImpactRun *run) {
+    tool->slip = {run->forward_nm, run->backward_nm, run->slip_count, run->slip_first_rad,
+                  run->slip_step_rad};
+    tool->start();
+}
+
+struct TruthImpactPeriod {
+    double current_a, supply_v;
+    std::int32_t edge_count;
+    std::int32_t edge_cycle[8];
+};
+
+// One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as in the
+// board's message.
+void truth_impact_period(ImpactTool *tool, int coast, double duty, double dead,
+                         TruthImpactPeriod *out) {
+    constexpr double PERIOD_S = 510.0 / 16e6;
+    const auto late =
+        static_cast<std::size_t>(std::llround(tool->params.transport_delay_s / PERIOD_S));
+    tool->commands.push_back({coast != 0, duty, dead, 0.0});  // dead as a share of the voltage
+    Drive drive;
+    drive.coast = true;
+    if (tool->commands.size() > late) {
+        drive = tool->commands.front();
+        tool->commands.pop_front();
+    }
+    const double begin = tool->time_s;
+    tool->edges.clear();
+    tool->dead_share = drive.dead_s;
+    tool->advance(begin + PERIOD_S, drive.duty, drive.duty, drive.coast);
+    out->current_a = tool->sensed_current() + tool->params.current_noise_a * tool->random.normal();
+    out->supply_v =
+        tool->state[truth::BUS] / PERIOD_S + tool->params.supply_noise_v * tool->random.normal();
+    tool->state[truth::BUS] = 0.0;
+    out->edge_count = static_cast<std::int32_t>(std::min<std::size_t>(tool->edges.size(), 8));
+    for (std::int32_t n = 0; n < out->edge_count; ++n) {
+        const double cycle =
+            std::floor((tool->edges[static_cast<std::size_t>(n)].time_s - begin) * 16e6);
+        out->edge_cycle[n] = static_cast<std::int32_t>(std::clamp(cycle, 0.0, 509.0));
+    }
 }
 
 void truth_impact_edges(const ImpactTool *tool, double *time_s, double *direction) {

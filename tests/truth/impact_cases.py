@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from impact import ImpactGenerator, ImpactRun
 from impact_effects import BY_ID, split
+from impact_forms import other_form
 from impact_joints import Roughness, slip_torque
 from impact_rigs import ImpactRig, impact_params
 from profiles import Profile, command, held, sampled
@@ -22,6 +23,7 @@ ROUGH_SIGMA, ROUGH_LENGTH_RAD = (0.01, 0.04), (0.1, 1.0)
 class ImpactSetting:
     """Everything of a case but its effects; `tool` is `rig` off by its tolerances. `seed` draws
     what no log reveals: start angles of hammer and sensor wheel, roughness of the joint, noise.
+    With `other_forms` the effects have other functional forms than the catalogue's.
     """
 
     rig: ImpactRig
@@ -29,6 +31,7 @@ class ImpactSetting:
     profile: Profile
     seconds: float
     seed: int
+    other_forms: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,4 +102,8 @@ def effect_params(setting: ImpactSetting, effect_id: str, size: float) -> dict[s
     the setting's seed alone.
     """
     rng = np.random.default_rng([setting.seed, *effect_id.encode()])
-    return BY_ID[effect_id].make(setting.tool, size, rng)
+    made = BY_ID[effect_id].make(setting.tool, size, rng)
+    if not setting.other_forms:
+        return made
+    rng = np.random.default_rng([setting.seed, 31, *effect_id.encode()])
+    return other_form(effect_id, setting.tool, made, rng)

@@ -113,9 +113,9 @@ def _phase(key: str, phase: str) -> Made:
 def _coupler(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
     """A coupler of compliance `size`, with an inertia that grows with it."""
     return {
-        "coupler_nm_per_rad": 1.0 / size,
+        "coupler_nm_per_rad": min(1.0 / size, 1e5),
         "coupler_nm_s_per_rad": rng.uniform(0.15, 0.3),
-        "coupler_inertia_kg_m2": 2e-5 * min(size * 2000.0, 1.0),
+        "coupler_inertia_kg_m2": 2e-5 * float(np.clip(size * 2000.0, 0.02, 1.0)),
     }
 
 
@@ -172,11 +172,12 @@ def _gated(key: str) -> Made:
 
 
 def _bit(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
+    """A bit with play; the smaller the play, the stiffer and lighter the bit."""
     return {
         "u_bit_play_rad": size,
-        "coupler_nm_per_rad": 2500.0,
+        "coupler_nm_per_rad": float(np.clip(25.0 / size, 2500.0, 6e4)),
         "coupler_nm_s_per_rad": 0.2,
-        "coupler_inertia_kg_m2": 6e-6,
+        "coupler_inertia_kg_m2": 6e-6 * min(size / 0.01, 1.0),
     }
 
 
@@ -297,7 +298,7 @@ DRIVE = tuple(
         ("cogging_torque", _cogging, _part(_COULOMB, 1.0), _part(_COULOMB, 6.0), {}),
         ("cold_grease", _grease, _part(_VISCOUS, 1.0), _part(_VISCOUS, 20.0), {}),
         ("load_dependent_friction", _plain("load_friction"), _const(0.02), _const(0.35), {}),
-        ("coupler_compliance", _coupler, _const(1e-4), _const(2e-3), {}),
+        ("coupler_compliance", _coupler, _const(5e-5), _const(2e-3), {}),
         ("current_lag", _plain("current_lag_s"), _const(1e-3), _const(0.03), {}),
         (
             "current_gain",

@@ -18,9 +18,19 @@ PITCH_M, FLANK_M, HEAD_M = 2e-3, 14.701e-3, 20e-3
 FLAT_NM_PER_RAD = 700.0  # slope of the slip torque of springs that lie flat
 STRIP_RAD = np.pi / 2  # stripping wood loses half of the seat torque over this angle
 KNOT_EDGE = 0.15  # of the width of a knot: its flanks are smooth
-# Keys of an effect that belong to the joint's slip torque
-JOINT_KEYS = ("joint_friction", "joint_hysteresis", "knot_nm", "knot_from_rad", "knot_to_rad")
-JOINT_FORM_KEYS = ("joint_friction_bend",)
+# Keys of an effect that belong to the joint's slip torque; the bends and the skew are those of forms
+# other than the catalogue's
+JOINT_KEYS = (
+    "joint_friction",
+    "joint_friction_bend",
+    "joint_bend_rad",
+    "joint_hysteresis",
+    "joint_hysteresis_bend",
+    "knot_nm",
+    "knot_from_rad",
+    "knot_to_rad",
+    "knot_skew",
+)
 
 
 @dataclass(frozen=True)
@@ -64,16 +74,21 @@ def discs_nm(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slip torques of disc springs (n,), forwards and backwards, by the bolt's formula."""
     force = disc_force_n(rig, turns)
-    friction = (
-        rig["load.friction"]
-        * (1.0 + effect.get("joint_friction", 0.0))
-        * (0.58 * FLANK_M + 0.5 * HEAD_M)
-    )
-    back = force * (1.0 - effect.get("joint_hysteresis", 0.0))
+    head = (turns - rig["load.from_turns"]) * TURN
+    friction = rig["load.friction"] * friction_scale(head, effect) * (0.58 * FLANK_M + 0.5 * HEAD_M)
+    bend = effect.get("joint_hysteresis_bend", 0.0) * (force / max(force.max(), 1.0) - 0.5)
+    back = force * (1.0 - effect.get("joint_hysteresis", 0.0) * (1.0 + bend))
     run = rig["load.run_torque_nm"]
     flat = FLAT_NM_PER_RAD * TURN * np.maximum(turns - flat_turns(rig), 0.0)
     forward = run + force * (friction + 0.16 * PITCH_M) + flat
     return forward, run + back * (friction - 0.16 * PITCH_M) + flat
+
+
+def friction_scale(head: np.ndarray, effect: dict[str, float]) -> np.ndarray:
+    """Factor of the friction of a joint (n,); with a bend the effect grows along the head angle."""
+    along = np.tanh(np.abs(head) / effect.get("joint_bend_rad", 1.0)) - 0.5
+    bend = 1.0 + effect.get("joint_friction_bend", 0.0) * along
+    return 1.0 + effect.get("joint_friction", 0.0) * bend
 
 
 def knot_nm(head: np.ndarray, effect: dict[str, float]) -> np.ndarray:
@@ -82,7 +97,8 @@ def knot_nm(head: np.ndarray, effect: dict[str, float]) -> np.ndarray:
     edge = KNOT_EDGE * (end - begin)
     rise = np.clip((head - begin + 0.5 * edge) / edge, 0.0, 1.0)
     fall = np.clip((end - head + 0.5 * edge) / edge, 0.0, 1.0)
-    return effect["knot_nm"] * (0.5 - 0.5 * np.cos(np.pi * np.minimum(rise, fall)))
+    skew = 1.0 + effect.get("knot_skew", 0.0) * ((head - begin) / (end - begin) - 0.5)
+    return effect["knot_nm"] * skew * (0.5 - 0.5 * np.cos(np.pi * np.minimum(rise, fall)))
 
 
 def head_angles(rig: ImpactRig) -> np.ndarray:
@@ -97,7 +113,7 @@ def slip_torque(
 ) -> SlipTorque:
     """The slip torques of the joint with an effect (keys JOINT_KEYS) and roughness."""
     head = head_angles(rig)
-    scale = 1.0 + effect.get("joint_friction", 0.0)
+    scale = friction_scale(head, effect)
     if rig.joint == "hard_joint":
         gained = rig["load.slip_slope_nm_per_rad"] * np.maximum(head, 0.0)
         run = rig["load.run_torque_nm"]

@@ -106,6 +106,20 @@ LOOSE_KEYS = {
     "wood_screw": ("start_nm", "end_nm", "seat_nm", "stiffness_nm_per_rad"),
 }
 LOOSE_SIGMA = (0.1, 0.3)
+# Effect -> keys of [load] that describe the same and therefore have no tolerance in its cases
+SAME_AS = {
+    "thread_friction": (
+        "run_torque_nm",
+        "slip_slope_nm_per_rad",
+        "friction",
+        "from_turns",
+        "start_nm",
+        "end_nm",
+        "seat_nm",
+    ),
+    "joint_hysteresis": ("friction",),
+    "joint_stiffness": ("stiffness_nm_per_rad",),
+}
 # Keys of a rig whose generator parameter has another name
 RENAMED = {
     "supply.resistance_ohm": "supply_resistance_ohm",
@@ -200,6 +214,17 @@ def draw_joint(name: str, rng: np.random.Generator) -> tuple[str, dict[str, floa
     )
 
 
+def tightened(rig: ImpactRig, rng: np.random.Generator) -> ImpactRig:
+    """The rig with a joint that is tight enough to be loosened for a second or two."""
+    turns = {
+        "disc_spring": rng.uniform(11.0, 17.0),
+        "wood_screw": rig.values.get("load.turns", 0.0) * rng.uniform(0.75, 0.98),
+    }
+    if rig.joint not in turns:
+        return rig
+    return rig.with_values(load__from_turns=three_digits(float(turns[rig.joint])))
+
+
 def draw_impact_rig(joint: str, rng: np.random.Generator, **changes: object) -> ImpactRig:
     """The reference tool with its values changed, at 16.5 to 20 V, on a drawn joint."""
     values = dict(REFERENCE_VALUES)
@@ -214,14 +239,24 @@ def draw_impact_rig(joint: str, rng: np.random.Generator, **changes: object) -> 
 def draw_tolerance(
     rig: ImpactRig, tool: bool, joint: bool, rng: np.random.Generator
 ) -> dict[str, float]:
-    """[tolerance] of a rig whose tool or joint is not known exactly."""
+    """[tolerance] of a rig whose tool or joint is not known exactly: of the joint's keys each in
+    two thirds of the cases, at least one.
+    """
     found: dict[str, float] = {}
     if tool:
         found |= MOTOR_TOLERANCE | (MECHANISM_TOLERANCE if rng.uniform() < 0.5 else {})
     if joint:
         keys = ("stiffness_nm_per_rad",) if rig.locked else LOOSE_KEYS[rig.joint]
-        found |= {f"load.{key}": round(float(rng.uniform(*LOOSE_SIGMA)), 2) for key in keys}
+        sure = int(rng.integers(len(keys)))
+        loose = [k for n, k in enumerate(keys) if n == sure or rng.uniform() < 2.0 / 3.0]
+        found |= {f"load.{key}": round(float(rng.uniform(*LOOSE_SIGMA)), 2) for key in loose}
     return found
+
+
+def without_same(tolerance: dict[str, float], ids: list[str]) -> dict[str, float]:
+    """[tolerance] without the keys that describe the same as one of the effects."""
+    same = {f"load.{key}" for i in ids for key in SAME_AS.get(i, ())}
+    return {key: sigma for key, sigma in tolerance.items() if key not in same}
 
 
 def draw_impact_tool(rig: ImpactRig, rng: np.random.Generator) -> ImpactRig:

@@ -6,7 +6,7 @@ rate, spread of the blow period, level and ripple of current, speed and supply, 
 current and speed over the phase of a cycle; and current and speed in the first 60 ms. Their sigma
 is the standard deviation over runs of the effect-free tool with other start angles, roughness and
 noise, at least the repeatability of a tool that has been put down and taken up again (LEAST_*). The
-visibility of an effect is the RMS of its mean change in sigma over the statistics of the
+visibility of an effect, after a fit of the rig's tolerated keys, is the RMS of its mean change in sigma over the statistics of the
 group in which that is largest; the visible limit is the size at which it is 1.
 """
 
@@ -17,6 +17,7 @@ import numpy as np
 from impact_cases import BENCH, ImpactSetting, Logged, columns, effect_params, simulate
 from impact_effects import BY_ID, LARGEST_REDUCTION
 from impact_profiles import holds
+from responses import fit
 
 SEEDS = 10  # runs of a comparison
 CLIP = 10.0  # of a statistic, in sigma
@@ -125,12 +126,17 @@ def statistics(setting: ImpactSetting, logged: Logged, bench: bool) -> np.ndarra
 
 @dataclass(frozen=True)
 class Reference:
-    """Statistics (seeds, n) of the effect-free tool of a setting, and their sigma (n,)."""
+    """Statistics (seeds, n) of the effect-free tool of a setting, their sigma (n,), and their
+    responses (n, p) to a sigma of each tolerated key, with the deviations (p,) of the tool in
+    sigma.
+    """
 
     setting: ImpactSetting
     seeds: tuple[int, ...]
     values: np.ndarray
     sigma: np.ndarray
+    tolerated: np.ndarray
+    tool_sigmas: np.ndarray
 
 
 def all_statistics(
@@ -142,12 +148,33 @@ def all_statistics(
     return np.array([statistics(one, simulate(one, params), bench) for one in runs])
 
 
-def reference_of(setting: ImpactSetting) -> Reference:
-    """The statistics of the effect-free tool over SEEDS seeds that are not the case's."""
-    seeds = tuple(setting.seed + 7919 * (n + 1) for n in range(SEEDS))
+def reference_of(setting: ImpactSetting, count: int = SEEDS) -> Reference:
+    """The statistics of the effect-free tool over seeds that are not the case's."""
+    seeds = tuple(setting.seed + 7919 * (n + 1) for n in range(count))
     values = all_statistics(setting, seeds, {})
     least = least_sigma(setting, np.abs(values).mean(axis=0))
-    return Reference(setting, seeds, values, np.maximum(values.std(axis=0, ddof=1), least))
+    sigma = np.maximum(values.std(axis=0, ddof=1), least)
+    tolerated, tool_sigmas = tolerance_columns(setting, seeds)
+    columns = tolerated.reshape(-1, len(sigma)).T / sigma[:, None]
+    return Reference(setting, seeds, values, sigma, columns, tool_sigmas)
+
+
+def tolerance_columns(
+    setting: ImpactSetting, seeds: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(changes (p, n) of the statistics by a sigma of each tolerated key, deviations (p,) of the
+    tool in sigma).
+    """
+    columns, tool_sigmas = [], []
+    for key, sigma in setting.rig.tolerance.items():
+        half, value = 0.5 * sigma * setting.rig[key], setting.tool[key]
+        ends = []
+        for changed in (value + half, value - half):
+            tool = replace(setting.tool, values=setting.tool.values | {key: changed})
+            ends.append(all_statistics(replace(setting, tool=tool), seeds, {}).mean(axis=0))
+        columns.append(ends[0] - ends[1])
+        tool_sigmas.append((value / setting.rig[key] - 1.0) / sigma)
+    return np.array(columns), np.array(tool_sigmas)
 
 
 def least_sigma(setting: ImpactSetting, mean: np.ndarray) -> np.ndarray:
@@ -185,11 +212,16 @@ def groups(setting: ImpactSetting) -> np.ndarray:
     return np.array(one * len(stretches(setting)) + ["run_up"] * 2 * RUN_UP_PARTS)
 
 
+def sure_squares(found: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Squares (n,) of clipped changes less SURE standard errors."""
+    return np.maximum(np.clip(found, -CLIP, CLIP) ** 2 - (SURE * error) ** 2, 0.0)
+
+
 def strength(group: np.ndarray, found: np.ndarray, error: np.ndarray) -> float:
     """RMS of changes (n,) in sigma over the group in which it is largest, each change clipped, and
     less SURE standard errors (n,). A small group counts as one of LEAST_GROUP.
     """
-    squares = np.maximum(np.clip(found, -CLIP, CLIP) ** 2 - (SURE * error) ** 2, 0.0)
+    squares = sure_squares(found, error)
     names = np.unique(group)
     sums = [
         squares[group == name].sum() / max(np.sum(group == name), LEAST_GROUP) for name in names
@@ -197,10 +229,33 @@ def strength(group: np.ndarray, found: np.ndarray, error: np.ndarray) -> float:
     return float(np.sqrt(max(sums)))
 
 
-def visibility(reference: Reference, effect_id: str, size: float) -> float:
-    """The visibility of an effect of this size."""
-    params = effect_params(reference.setting, effect_id, size)
-    return strength(groups(reference.setting), *change(reference, params))
+def remainder(
+    reference: Reference,
+    changed: tuple[np.ndarray, np.ndarray],
+    columns: Sequence[np.ndarray] = (),
+    least: Sequence[float] = (),
+) -> tuple[np.ndarray, np.ndarray]:
+    """(coefficients (q,), remainder (n,)) of a fit of the tolerated keys and of q columns (n,) to
+    changes (n,) with standard errors (n,); `least` bounds the coefficients.
+    """
+    found, error = changed
+    weight = 1.0 / np.sqrt(1.0 + error**2)
+    table = np.array(columns).reshape(len(columns), len(found)).T
+    size, left = fit(
+        found * weight,
+        reference.tolerated * weight[:, None],
+        reference.tool_sigmas,
+        table * weight[:, None],
+        np.array(least, dtype=float) if least else np.full(len(columns), -np.inf),
+    )
+    return size, left / weight
+
+
+def visibility(reference: Reference, params: dict[str, float]) -> float:
+    """The visibility of effects by their parameters, the tolerated keys fitted."""
+    found, error = change(reference, params)
+    left = remainder(reference, (found, error))[1]
+    return strength(groups(reference.setting), left, error)
 
 
 def largest(setting: ImpactSetting, effect_id: str, sign: float) -> float:
@@ -217,7 +272,7 @@ def visible_limit(reference: Reference, effect_id: str, sign: float = 1.0) -> fl
     size = min(effect.start_size(reference.setting.tool), top)
     low, high = 0.0, np.inf
     for _ in range(VISIBLE_ATTEMPTS):
-        found = visibility(reference, effect_id, sign * size)
+        found = visibility(reference, effect_params(reference.setting, effect_id, sign * size))
         if abs(found - 1.0) < VISIBLE_WITHIN:
             return size
         low, high = (size, high) if found < 1.0 else (low, size)

@@ -6,19 +6,21 @@ import argparse
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from impact_cases import BENCH, ImpactSetting, effect_params, log_columns, simulate
 from impact_effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
+from impact_joints import TURN
 from impact_profiles import NAMES, draw_impact
 from impact_rigs import (
-    ImpactRig,
     draw_impact_rig,
     draw_impact_tool,
     draw_tolerance,
     impact_toml,
+    tightened,
+    without_same,
 )
 from impact_visible import Reference, largest, reference_of, visible_limit
 
@@ -46,6 +48,7 @@ MIXED = (
 )
 ATTEMPTS = 30
 LEAST_BLOWS = 12  # of the effect-free tool and of the log
+LEAST_TURNS = 1.0  # of a screw in its joint
 SLEWS = (None, None, 5.0, 10.0)  # per s, drawn
 
 
@@ -56,7 +59,8 @@ class UnsuitableDraw(Exception):
 @dataclass(frozen=True)
 class ImpactOptions:
     """Options of a set of cases; `tool` and `joint` are the shares of cases with a tool and a joint
-    off by the rig's tolerances, `bench` the share with bench channels; `sizes` are multiples of the
+    off by the rig's tolerances (half of these have effects of other forms than the catalogue's),
+    `bench` the share with bench channels; `sizes` are multiples of the
     visible limit.
     """
 
@@ -116,7 +120,7 @@ def draw_setting(ids: list[str], options: ImpactOptions, rng: np.random.Generato
     rig = draw_impact_rig(str(rng.choice(joints)), rng, slew_per_s=slew, bench=bench)
     known = rng.uniform() >= options.tool, rng.uniform() >= options.joint
     tolerance = draw_tolerance(rig, not known[0], not known[1], rng)
-    rig = ImpactRig(**{**vars(rig), "tolerance": tolerance})
+    rig = replace(rig, tolerance=without_same(tolerance, ids))
     names = [n for n in options.profiles if n != "loosen" or not rig.locked]
     if any(BY_ID[i].needs == "loosen" for i in ids):
         names = ["loosen"]
@@ -124,9 +128,12 @@ def draw_setting(ids: list[str], options: ImpactOptions, rng: np.random.Generato
         names = [n for n in names if n in ("levels", "ramp", "plain")] or ["levels"]
     seconds = round(float(rng.uniform(*options.seconds)), 1)
     tight = rig.joint != "hard_joint"
-    profile = draw_impact(str(rng.choice(names)), seconds, tight, rng)
+    name = str(rng.choice(names))
+    rig = tightened(rig, rng) if name == "loosen" else rig
+    profile = draw_impact(name, seconds, tight, rng)
     seed = int(rng.integers(1, 2**31))
-    return ImpactSetting(rig, draw_impact_tool(rig, rng), profile, seconds, seed)
+    other = bool(rig.tolerance) and bool(seed % 2)
+    return ImpactSetting(rig, draw_impact_tool(rig, rng), profile, seconds, seed, other)
 
 
 def draw_impact_case(kind: str, index: int, options: ImpactOptions, seed: int) -> ImpactCase:
@@ -152,16 +159,25 @@ def attempt_case(
     rng: np.random.Generator,
 ) -> ImpactCase:
     """The case of a setting; raises UnsuitableDraw."""
-    if len(simulate(setting, {}).out.blow_s) < LEAST_BLOWS:
-        raise UnsuitableDraw("the tool hardly hammers")
+    check_run(setting, {})
     sizes, times, params = {}, {}, {}
     reference = reference_of(setting) if ids else None
     for effect_id in ids:
         sizes[effect_id], times[effect_id] = draw_size(reference, effect_id, multiples, rng)
         params |= effect_params(setting, effect_id, sizes[effect_id])
-    if ids and len(simulate(setting, params).out.blow_s) < LEAST_BLOWS:
-        raise UnsuitableDraw("the tool with the effect hardly hammers")
+    if ids:
+        check_run(setting, params)
     return ImpactCase(kind, setting, sizes, times, params)
+
+
+def check_run(setting: ImpactSetting, params: dict[str, float]) -> None:
+    """Raise UnsuitableDraw where the tool hardly hammers, or turns the screw out of its joint."""
+    out = simulate(setting, params).out
+    if len(out.blow_s) < LEAST_BLOWS:
+        raise UnsuitableDraw("the tool hardly hammers")
+    turns = setting.tool.values.get("load.from_turns")
+    if turns is not None and turns + out.anvil_angle_rad.min() / TURN < LEAST_TURNS:
+        raise UnsuitableDraw("the joint comes loose")
 
 
 def draw_size(
@@ -203,6 +219,7 @@ def label_of(case: ImpactCase) -> dict[str, object]:
         "joint": "locked" if rig.locked else rig.joint,
         "profile": setting.profile.name,
         "bench": list(rig.bench),
+        "other_forms": setting.other_forms,
         "seed": setting.seed,
     }
     if label == "unlisted":
