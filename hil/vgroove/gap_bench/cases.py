@@ -27,23 +27,30 @@ SOURCES = (
 
 @dataclass(frozen=True)
 class BlindSet:
-    """A half of the set; `checkout` is the folder of the project, which holds the generator."""
+    """A half of the set; `checkout` is the folder of the project, which holds the generator.
+    impact: the cases of the hammering tool.
+    """
 
     checkout: Path
     half: str
+    impact: bool = False
 
     @property
     def folder(self) -> Path:
         """Folder of the half's cases, answers and verdicts."""
-        return self.checkout / "build" / "gapbench" / self.half
+        return self.checkout / "build" / "gapbench" / ("impact_" * self.impact + self.half)
 
     def start(self, action: str, numbers: Sequence[int] = (), *more: str) -> subprocess.Popen[str]:
         """Start the generator's command for the cases of these numbers; without numbers for all."""
         chosen = ["--numbers", ",".join(map(str, numbers))] if numbers else []
         script = str(self.checkout / COMMAND)
         command = [sys.executable, script, action, str(self.folder), "--set", self.half]
+        tool = ["--impact"] * self.impact
         return subprocess.Popen(
-            [*command, *chosen, *more], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*command, *tool, *chosen, *more],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
 
     def names(self, numbers: Sequence[int] = (), regimes: Sequence[str] = ()) -> dict[int, str]:

@@ -21,6 +21,7 @@ COST_KEYS = ("number", "name", "without", "verdict", "seconds", "cpu_seconds", "
 HALVES = ("tune", "report")
 REGIMES = ("exact", "hard", "measured")
 USUAL_REGIMES = REGIMES[:2]  # without --regime: the cases of simulated logs without disturbances
+IMPACT_REGIMES = ("exact", "loose")  # of the hammering tool
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Request:
     these numbers, whatever their regime.
 
     `removed` runs all single cases a second time without their effect in the catalogue, `without`
-    those of these effects; `jobs` cases run at a time.
+    those of these effects; `jobs` cases run at a time; impact: the cases of the hammering tool.
     """
 
     half: str
@@ -39,7 +40,18 @@ class Request:
     removed: bool = False
     without: Sequence[str] = ()
     jobs: int = 1
-    regimes: Sequence[str] = USUAL_REGIMES
+    regimes: Sequence[str] = ()
+    impact: bool = False
+
+    @property
+    def known_regimes(self) -> tuple[str, ...]:
+        """The regimes that the set has."""
+        return IMPACT_REGIMES if self.impact else REGIMES
+
+    @property
+    def chosen_regimes(self) -> Sequence[str]:
+        """The regimes to run."""
+        return self.regimes or (IMPACT_REGIMES if self.impact else USUAL_REGIMES)
 
 
 @app.command("bench")
@@ -55,9 +67,10 @@ def bench_command(
         list[str] | None,
         typer.Option(
             help="exact, hard or measured (logs with disturbances); may be given again. "
-            "Without it exact and hard.",
+            "Without it exact and hard. With --impact exact or loose (joint or tool uncertain).",
         ),
     ] = None,
+    impact: Annotated[bool, typer.Option("--impact", help="Logs of a hammering tool.")] = False,
     count: Annotated[
         int | None,
         typer.Option(min=1, help="Only the first cases of the half; their order is random."),
@@ -93,8 +106,9 @@ def bench_command(
     from vgroove.output import check_outputs
 
     check_outputs((json_path, html_path), ())
-    usual = regime or USUAL_REGIMES
-    request = Request(half, count, fifth, number or (), removed, without or (), jobs, usual)
+    request = Request(
+        half, count, fifth, number or (), removed, without or (), jobs, regime or (), impact
+    )
     figures = run_bench(request, Console(stderr=True))
     _show_and_write(figures, json_path, html_path, page)
 
@@ -128,11 +142,11 @@ def run_bench(request: Request, console: Console) -> dict[str, Any]:
 
     if request.half not in HALVES:
         raise VgrooveError(f"--set is {' or '.join(HALVES)}, not {request.half}")
-    unknown = sorted(set(request.regimes) - set(REGIMES))
+    unknown = sorted(set(request.regimes) - set(request.known_regimes))
     if unknown:
-        raise VgrooveError(f"--regime is {', '.join(REGIMES)}, not {unknown[0]}")
-    blind = BlindSet(find_checkout(), request.half)
-    regimes = () if request.numbers else request.regimes
+        raise VgrooveError(f"--regime is {', '.join(request.known_regimes)}, not {unknown[0]}")
+    blind = BlindSet(find_checkout(), request.half, request.impact)
+    regimes = () if request.numbers else request.chosen_regimes
     numbers = chosen(sorted(blind.names(regimes=regimes)), request)
     with step_bar(len(numbers), "cases", console, keep=True) as bar:
         found = run_cases(blind, [(n, None) for n in numbers], request.jobs, bar)
@@ -145,7 +159,12 @@ def run_bench(request: Request, console: Console) -> dict[str, Any]:
         bar.restart(len(removals))
         found += run_cases(blind, removals, request.jobs, bar)
     cases = [scored(one, answers) for one in found]
-    return {"set": request.half, "engine": blind.engine(), "cases": len(numbers)} | score(cases)
+    return {
+        "set": request.half,
+        "impact": request.impact,
+        "engine": blind.engine(),
+        "cases": len(numbers),
+    } | score(cases)
 
 
 def chosen(numbers: list[int], request: Request) -> list[int]:

@@ -20,7 +20,7 @@ from vgroove.gap_bench.scored import (
 CALIBRATION_EDGES = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0000001)
 POWER_EDGES = (1.5, 2.0, 3.0, 4.5, 6.5, 10.01)
 KINDS = ("single", "pair", "triple", "none", "unlisted")
-REGIMES = ("exact", "hard", "measured")
+REGIMES = ("exact", "hard", "measured", "loose")
 
 
 def rates(cases: Sequence[Scored]) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for regime in REGIMES:
         mine = [c for c in cases if c.answer["regime"] == regime]
-        if regime == "measured" and not mine:
+        if regime in ("measured", "loose") and not mine:
             continue
         out[regime] = {kind: rate(c.right for c in mine if c.kind == kind) for kind in KINDS}
         singles = [c for c in mine if c.kind == "single"]
@@ -45,6 +45,10 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
         "false_alarms": rate(c.outcome != "none" for c in cases if c.kind == "none"),
         "ambiguous_though_separable": rate(c.outcome == "ambiguous" for c in clear),
         "failed": rate(c.outcome == "failed" for c in cases),
+        "with_bench_channels": rate(c.right for c in cases if c.answer.get("bench")),
+        "without_bench_channels": rate(
+            c.right for c in cases if "bench" in c.answer and not c.answer["bench"]
+        ),
     }
 
 
@@ -243,6 +247,8 @@ SETTING_KEYS = (
     "seconds",
     "log_hz",
     "load",
+    "joint",
+    "bench",
 )
 
 
@@ -262,7 +268,7 @@ def failure_of(c: Scored) -> dict[str, Any]:
         "rivals": sorted(c.named - set(c.selected)),
         "probabilities": c.probabilities,
         "gap": [gap.get(k) for k in ("before", "retuned", "after")],
-        "setting": {k: a[k] for k in SETTING_KEYS},
+        "setting": {k: a[k] for k in SETTING_KEYS if k in a},
         "warnings": c.verdict["warnings"],
         "cpu_seconds": c.cpu_seconds,
     }
