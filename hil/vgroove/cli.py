@@ -5,6 +5,7 @@ does its work.
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,6 +50,15 @@ ToS = Annotated[
 ]
 rig_app = typer.Typer(no_args_is_help=True, help="Rigs: what the simulation assumes about a tool.")
 app.add_typer(rig_app, name="rig")
+Joints = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--joint",
+        metavar="FILE",
+        help="Impact tool: the joint of a log, a TOML file with [load]; as many as logs, in their "
+        "order.",
+    ),
+]
 AsIs = Annotated[
     bool,
     typer.Option("--as-is", help="Use a log whose units, signs or time base look wrong."),
@@ -312,6 +322,7 @@ def sim(
         float | None,
         typer.Option(help="Without --log: length of the run in s, instead of the scenario's."),
     ] = None,
+    joint: Joints = None,
     from_s: FromS = None,
     to_s: ToS = None,
     as_is: AsIs = False,
@@ -334,7 +345,8 @@ def sim(
             raise VgrooveError("--seconds is of a run without --log; use --from and --to with it")
         columns = _columns(maps, map_file)
         options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
-        figures, simulated = _sim_logs(path, log, options, restart_s, out)
+        joints = tuple(joint or ())
+        figures, simulated = _sim_logs((path, joints), log, options, restart_s, out)
     else:
         figures, simulated = _sim_scenario(path, seconds, out)
     files = [(json_path, json_text(figures, allow_nan=True))] if json_path else []
@@ -344,17 +356,24 @@ def sim(
 
 
 def _sim_logs(
-    rig_path: Path, logs: list[Path], options: "DiagnosisOptions", restart_s: float, out: Console
+    tool: tuple[Path, tuple[Path, ...]],
+    logs: list[Path],
+    options: "DiagnosisOptions",
+    restart_s: float,
+    out: Console,
 ) -> "tuple[dict[str, Any], Callable[[], Log]]":
-    """Print the gap of a rig to logs; its figures, and what simulates the rows of the one log."""
+    """Print the gap of a tool, its rig and the joints of its logs, to logs; its figures, and what
+    simulates the rows of the one log.
+    """
     from vgroove.gap.simulate import compute_gap, gap_table, simulated_log
     from vgroove.gap.stages import read_logs
-    from vgroove.rig import read_rig
+    from vgroove.rig import read_joints, read_rig
 
     if not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
-    rig = read_rig(rig_path)
-    figures, problem = compute_gap(rig, read_logs(logs, rig, options), restart_s, options.as_is)
+    rig = read_rig(tool[0])
+    options = replace(options, joints=read_joints(tool[1], rig, len(logs)))
+    figures, problem = compute_gap(rig, read_logs(logs, rig, options), options, restart_s)
     out.print(gap_table(figures))
     for warning in figures["warnings"]:
         print_warning(Console(stderr=True), warning)
@@ -478,6 +497,7 @@ def gap_diagnose(
             "--without", metavar="ID", help="Leave an effect out of the catalogue; may be repeated."
         ),
     ] = None,
+    joint: Joints = None,
     from_s: FromS = None,
     to_s: ToS = None,
     as_is: AsIs = False,
@@ -495,7 +515,7 @@ def gap_diagnose(
     outputs = OutputPaths(json_path, html_path, out_rig, junit_path, fail_above)
     columns, ids = _columns(maps, map_file), tuple(without or ())
     options = DiagnosisOptions(seed, ids, from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
-    diagnose_files(logs, rig, outputs, options)
+    diagnose_files(logs, rig, outputs, options, tuple(joint or ()))
 
 
 @gap_app.command("emps")

@@ -5,7 +5,7 @@ and turned into parameters of the plant.
 import copy
 import difflib
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -203,6 +203,27 @@ def read_rig(path: str | Path) -> Rig:
     anything that docs/spec/gap.md, section 2, does not allow.
     """
     return rig_from_dict(read_toml(path), str(path))
+
+
+def read_joints(paths: Sequence[str | Path], rig: Rig, logs: int) -> list[Rig]:
+    """The rig with the [load] of each file, in the order of the logs; empty without files.
+    VgrooveError where there are not as many as logs, or a file holds anything else.
+    """
+    if not paths:
+        return []
+    if len(paths) != logs:
+        raise VgrooveError(f"--joint: {len(paths)} for {logs} logs: give one for each log, or none")
+    tools = []
+    for path in paths:
+        data = read_toml(path)
+        if set(data) - {"schema", "name"} != {"load"}:
+            raise VgrooveError(f"{path}: a joint is a file with the table [load] alone")
+        kept = {k: v for k, v in rig.tolerance.items() if not k.startswith("load.")}
+        same = data["load"].get("kind") == rig.load["kind"]
+        table = rig.as_dict() | {"load": data["load"]}
+        table["tolerance"] = rig.tolerance if same else kept
+        tools.append(rig_from_dict(table, str(path)))
+    return tools
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:

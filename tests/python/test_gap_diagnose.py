@@ -96,8 +96,8 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_of_the_refit(
             tmp_path / f"two.{ending}"
         ).read_bytes()
     gap = json.loads((tmp_path / "one.json").read_text())["gap"]
-    refit, _ = compute_gap(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
-    before, _ = compute_gap(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
+    refit, _ = compute_gap(read_rig(tmp_path / "one.toml"), [case / "log.csv"])
+    before, _ = compute_gap(read_rig(case / "rig.toml"), [case / "log.csv"])
     assert refit["gap"] == pytest.approx(gap["refit"], rel=0.01)
     assert before["gap"] == pytest.approx(gap["before"], rel=0.01)
     page = (tmp_path / "one.html").read_text()

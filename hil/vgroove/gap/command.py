@@ -17,7 +17,7 @@ from vgroove.gap.cases import Case, CaseResult, above_text, junit_text
 from vgroove.gap.stage_shares import StageShare
 from vgroove.output import check_outputs, json_text, write_all
 from vgroove.progress import share_bar
-from vgroove.rig import Rig, read_rig
+from vgroove.rig import Rig, read_joints, read_rig
 from vgroove.terminal import print_line, print_warning, result_console
 
 
@@ -37,14 +37,20 @@ class OutputPaths:
 
 
 def diagnose_files(
-    logs: Sequence[Path], rig_path: Path, outputs: OutputPaths, options: DiagnosisOptions
+    logs: Sequence[Path],
+    rig_path: Path,
+    outputs: OutputPaths,
+    options: DiagnosisOptions,
+    joints: Sequence[Path] = (),
 ) -> None:
-    """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr. typer.Exit
-    with ABOVE_CODE where the gap is above the limit.
+    """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr. joints:
+    files with the joint of each log. typer.Exit with ABOVE_CODE where the gap is above the limit.
     """
-    check_outputs(outputs.paths(), (*logs, rig_path))
+    check_outputs(outputs.paths(), (*logs, rig_path, *joints))
     notes, begin = Console(stderr=True), time.monotonic()
-    verdict = _diagnosed(logs, read_rig(rig_path), options, notes)
+    rig = read_rig(rig_path)
+    options = replace(options, joints=read_joints(joints, rig, len(logs)))
+    verdict = _diagnosed(logs, rig, options, notes)
     name = ", ".join(path.name for path in logs)
     result = CaseResult(Case(name, logs, rig_path), time.monotonic() - begin, verdict)
     texts = output_texts(verdict, [path.name for path in logs], outputs)

@@ -11,25 +11,32 @@ from rich.table import Table
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.log_check.compared import refuse_uncompared
-from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.impact.problem import ImpactProblem
+from vgroove.gap.residual.loading import RESTART_S, load_problem
 from vgroove.gap.residual.problem import Problem
+from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.log import Log
 from vgroove.rig import Rig
 from vgroove.units import RPM_PER_RAD_S
 
 SCHEMA = "vgroove.sim/1"
+AS_IS = DiagnosisOptions(as_is=True)
 
 
 def compute_gap(
-    rig: Rig, logs: Sequence[Any], restart_s: float = 0.25, as_is: bool = True
+    rig: Rig,
+    logs: Sequence[Any],
+    options: DiagnosisOptions = AS_IS,
+    restart_s: float = RESTART_S,
 ) -> tuple[dict[str, Any], Problem]:
     """Gap of a rig to logs (docs/spec/gap.md, section 5) as JSON-ready figures, and the problem
     behind them. restart_s: interval in s at which the model restarts from measured states.
     Residuals are clipped as the rig's table [clip] states, else as computed from this rig.
-    VgrooveError, unless as_is, where a column compares no sample.
+    VgrooveError, unless options.as_is, where a column compares no sample.
     """
-    problem = load_problem(logs, rig, restart_s=restart_s, stated_clip=True)
-    if not as_is:
+    joints = options.joints
+    problem = load_problem(logs, rig, restart_s, stated_clip=True, joints=joints)
+    if not options.as_is:
         refuse_uncompared(problem)
     residual = problem.residuals(problem.theta0)[0]
     figures = {
@@ -92,6 +99,8 @@ def simulated_log(problem: Problem) -> Log:
     """
     if len(problem.runs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
+    if isinstance(problem, ImpactProblem):
+        return problem.simulated_log()
     run, rows = problem.runs[0], problem.simulate(problem.theta0)[0]
     kind = problem.rig.input["kind"]
     columns: dict[str, np.ndarray] = {kind: run.log.columns[kind]}

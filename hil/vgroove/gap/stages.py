@@ -93,7 +93,7 @@ def load(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> Problem:
             raise VgrooveError(
                 f"--without: {name} is not in the catalogue of this diagnosis ({known})"
             )
-    problem = load_problem(read_logs(logs, rig, options), rig)
+    problem = load_problem(read_logs(logs, rig, options), rig, joints=options.joints)
     if not options.as_is:
         refuse_uncompared(problem)
     return problem
@@ -104,7 +104,7 @@ def read_logs(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> list[
     time_range = TimeRange(options.from_s, options.to_s)
     columns = options.columns or NO_MAP
     tables = [time_range.select(as_log(log, columns)) for log in logs]
-    return checked_logs(tables, rig, options.as_is)
+    return checked_logs(tables, rig, options.as_is, options.joints)
 
 
 def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:

@@ -11,7 +11,14 @@ EFFECTS = (
         "torque on q: coefficient abs(axial force) r / cos(atan(l / r)) against q'",
         (
             Parameter(
-                "coefficient", "1", constant(0.02), ZERO, constant(0.5), (0.5,), key=NOT_NEGATIVE
+                "coefficient",
+                "1",
+                constant(0.02),
+                ZERO,
+                constant(0.5),
+                (0.5,),
+                key=NOT_NEGATIVE,
+                plausible=constant(0.05),
             ),
         ),
         needs=("impact",),
@@ -24,14 +31,23 @@ EFFECTS = (
         "impact_damping",
         "mechanism",
         "contact damping b (1 + relative)",
-        (relative(0.2, high=9.0),),
+        (relative(0.2, high=9.0, plausible=1.0),),
         needs=("impact",),
     ),
     Effect(
         "lug_wear",
         "mechanism",
         "h - height_m",
-        (Parameter("height_m", "m", constant(1e-4), constant(-2e-3), constant(2e-3)),),
+        (
+            Parameter(
+                "height_m",
+                "m",
+                constant(1e-4),
+                constant(-2e-3),
+                constant(2e-3),
+                plausible=constant(5e-4),
+            ),
+        ),
         needs=("impact",),
     ),
 )

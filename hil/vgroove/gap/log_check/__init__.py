@@ -53,14 +53,20 @@ def _all_findings(log: Log, rig: Rig | None) -> list[Finding]:
     return findings + unit_findings(log, rig)
 
 
-def checked_logs(logs: Sequence[Any], rig: Rig, as_is: bool = False) -> list[Any]:
-    """Logs of one tool (vgroove.log.Log or alike) with the warnings of their checks.
+def checked_logs(
+    logs: Sequence[Any], rig: Rig, as_is: bool = False, joints: Sequence[Rig] = ()
+) -> list[Any]:
+    """Logs of one tool (vgroove.log.Log or alike) with the warnings of their checks. joints: for
+    each log the rig with its own joint (empty: all have the rig's).
 
     VgrooveError for a log that is given twice and, unless as_is, for one whose values speak against
     its use; it names all of them.
     """
     refuse_same_log(logs)
-    return list(logs) if as_is else [_with_warnings(log, rig) for log in logs]
+    if as_is:
+        return list(logs)
+    tools = joints or [rig] * len(logs)
+    return [_with_warnings(log, tool) for log, tool in zip(logs, tools, strict=True)]
 
 
 def _with_warnings(log: Any, rig: Rig) -> Any:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from vgroove.log import ColumnMap
+    from vgroove.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,8 @@ class DiagnosisOptions:
     progress: is called with a text at each stage; from_s, to_s: range in s of each log's own time
     column outside of which no row is used (None: no bound); as_is: use logs whose units, signs or
     time base look wrong; columns: which column of a file or table is which column of a log
-    (vgroove.log.column_map; None: those of the same name).
+    (vgroove.log.column_map; None: those of the same name); joints: of a hammering tool, for each
+    log the rig with that log's own joint (empty: all logs have the rig's).
     """
 
     seed: int = 0
@@ -24,3 +26,4 @@ class DiagnosisOptions:
     to_s: float | None = None
     as_is: bool = False
     columns: "ColumnMap | None" = None
+    joints: Sequence["Rig"] = ()

@@ -29,6 +29,7 @@ from vgroove.units import TURN_RAD
 
 REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamental may give the phase
 NOISE_LEFT = 0.88  # RMS of unit white noise after interpolated(), over all places between rows
+MIN_CYCLES = 2.5  # of a window, which is about four cycles of the log long
 MIN_SIGNAL = 3.0  # standard deviations by which the fundamental of a cycle stands out
 MAX_RISE = 2.0  # rise of the reference over a window with a cycle, in amplitudes of its fundamental
 MIN_AMPLITUDE = 1e-9  # of the reference harmonic: avoids a division by 0
@@ -201,12 +202,17 @@ def _line(signals: np.ndarray, row_s: float) -> tuple[np.ndarray, np.ndarray]:
 
 def is_periodic(fit: HarmonicFit, reference: int, windows: CycleWindows) -> np.ndarray:
     """Whether the impact cycle dominates each window (W,) of a log: the reference's fundamental is
-    clear, and larger than its rise over the window (a run-up to the first blow has no cycle).
+    clear, larger than its rise over the window (a run-up to the first blow has no cycle), and
+    repeats often enough in this window and in one beside it.
     """
+    length_s = windows.rows * windows.row_s
     size = np.abs(fit.amplitude[reference, :, 0])
     error = fit.scatter[reference] * np.sqrt(2.0 / windows.rows)
-    rise = np.abs(fit.slope_per_s[reference]) * windows.rows * windows.row_s
-    return (size > MIN_SIGNAL * error) & (MAX_RISE * size > rise)
+    rise = np.abs(fit.slope_per_s[reference]) * length_s
+    found = (size > MIN_SIGNAL * error) & (MAX_RISE * size > rise)
+    found &= fit.frequency_hz * length_s > MIN_CYCLES
+    beside = np.concatenate([[False], found, [False]])
+    return found & (beside[:-2] | beside[2:])
 
 
 def scatter_between_windows(values: np.ndarray) -> np.ndarray:

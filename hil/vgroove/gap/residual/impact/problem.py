@@ -19,12 +19,15 @@ from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
     START,
     clipped_cost,
+    model_columns,
     simulate,
     simulate_statistics,
 )
 from vgroove.gap.residual.problem import UNFINISHED_RESIDUAL, Problem, Traces
 from vgroove.gap.residual.restart_angles import RestartAngles
+from vgroove.log import Log
 
+DRIVING = ("duty", "voltage_v", "coast", "load_nm")  # columns that drive the model
 SETS_AT_ONCE = 8  # parameter sets that a thread simulates at once
 
 
@@ -121,6 +124,16 @@ class ImpactProblem(Problem):
             simulate(run, self.of_log(j, theta[None]))["angle_rad"][0]
             for j, run in enumerate(self.runs)
         ]
+
+    def simulated_log(self) -> Log:
+        """The first log with the columns that the rig simulates from the start angle that follows
+        it best.
+        """
+        run, log = self.runs[0], self.runs[0].log
+        rows = model_columns(run, simulate(run, self.of_log(0, self.theta0[None])))
+        columns = {name: np.asarray(log.columns[name]) for name in DRIVING if name in log.columns}
+        columns |= {name: values[0] for name, values in rows.items()}
+        return Log(np.asarray(log.time_s), columns, "the simulation")
 
     def iso18571(
         self, residual: np.ndarray, mask: np.ndarray | None = None
