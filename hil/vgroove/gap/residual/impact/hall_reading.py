@@ -3,8 +3,8 @@ that the edges may have in the turn.
 
 A reading is the mean speed over the last edge period (docs/spec/gap.md, section 1), and the age of
 that edge is uniformly distributed over one period. The mean reading is therefore the speed under a
-triangular window of two periods: smooth in the parameters of the model, unlike a single reading,
-whose edges jump over the rows of the log.
+triangular window of two periods, to first order in the change of speed over these: smooth in the
+parameters of the model, unlike a single reading, whose edges jump over the rows of the log.
 """
 
 import numpy as np
