@@ -55,10 +55,10 @@ build: setup ## build host, the AVR builds and the bindings
 	$(call cmake_build,avr-uno-drill)
 	$(call cmake_build,avr-mega)
 
-demo: setup ## ELF on a simulated ATmega, a tool with a sealed effect, diagnosis: make demo SEED=n
+demo: setup ## ELF on a simulated ATmega, a tool with a sealed effect, diagnosis: make demo SEED=n TOOL=drive|impact
 	$(call cmake_build,avr-uno,vgroove)
 	$(call cmake_build,dev,vgroove-board vgroove_truth)
-	@$(PY) tests/demo/demo.py --seed $(SEED)
+	@$(PY) tests/demo/demo.py --seed $(SEED) --tool $(or $(TOOL),drive)
 
 lint: build
 	$(VENV)/bin/ruff check .

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sealed import DEMO_SECONDS, DEMO_STEPS
-from truth import TruthTool
+from sealed_impact import PRESS_S, SECONDS, TRAVEL
 
 from vgroove.board import AvrBoard
 from vgroove.lockstep import LockstepOptions, Profile, Progress, steps
@@ -39,10 +39,31 @@ def trigger_profile() -> Profile:
     return Profile(travel=travel, reverse=((0.0, 0.0), (REVERSE_AT_S, 1.0)))
 
 
+@dataclass(frozen=True)
+class DemoRun:
+    """What the operator does, how long the run lasts in s, and the seed of the analog noise."""
+
+    profile: Profile
+    seconds: float
+    seed: int
+
+
+def drive_run(seed: int) -> DemoRun:
+    """The run of the drivetrain."""
+    return DemoRun(trigger_profile(), REST_S + DEMO_SECONDS + TAIL_S, seed)
+
+
+def impact_run(seed: int) -> DemoRun:
+    """The run of the impact tool: the trigger pulled and held into the joint."""
+    press = REST_S + PRESS_S
+    travel = [(0.0, 0.0), (press, 0.0), (press, TRAVEL)]
+    return DemoRun(Profile(travel=travel), REST_S + SECONDS, seed)
+
+
 def record_run(
-    elf: Path, tool: TruthTool, folder: Path, seed: int, progress: Callable[[Progress], None]
+    elf: Path, tool: object, folder: Path, run: DemoRun, progress: Callable[[Progress], None]
 ) -> Recorded:
-    """Run board and tool in lock-step while `vgroove record` records the telemetry from the pty.
+    """Run board and lock-step tool while `vgroove record` records the telemetry from the pty.
 
     RuntimeError when the recorder fails.
     """
@@ -62,9 +83,9 @@ def record_run(
         for now in steps(
             board,
             tool,
-            trigger_profile(),
-            REST_S + DEMO_SECONDS + TAIL_S,
-            LockstepOptions(line=line, seed=seed),
+            run.profile,
+            run.seconds,
+            LockstepOptions(line=line, seed=run.seed),
         ):
             progress(now)
         line.drain()

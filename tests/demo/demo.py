@@ -13,8 +13,9 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(HERE.parent / "truth")]
 
-from bench_run import record_run  # noqa: E402
+from bench_run import drive_run, impact_run, record_run  # noqa: E402
 from sealed import draw_sealed, open_sealed  # noqa: E402
+from sealed_impact import draw_sealed_impact  # noqa: E402
 
 from vgroove.board import default_elf  # noqa: E402
 from vgroove.lockstep import Progress  # noqa: E402
@@ -36,11 +37,18 @@ def show_progress(now: Progress) -> None:
         sys.stdout.flush()
 
 
-def diagnose(log: Path, folder: Path) -> dict:
+# Tool of the demo -> its rig, what draws it, and its run
+TOOLS = {
+    "drive": ("rig.toml", draw_sealed, drive_run),
+    "impact": ("rig_impact.toml", draw_sealed_impact, impact_run),
+}
+
+
+def diagnose(log: Path, rig: str, folder: Path) -> dict:
     """Run `vgroove gap diagnose` as a user does, print its output and return its verdict."""
     verdict = folder / "verdict.json"
     command = [sys.executable, "-m", "vgroove.cli", "gap", "diagnose", str(log)]
-    command += ["--rig", str(HERE / "rig.toml"), "--json", str(verdict)]
+    command += ["--rig", str(HERE / rig), "--json", str(verdict)]
     command += ["--html", str(folder / "report.html")]
     command += ["--out-rig", str(folder / "rig_corrected.toml")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -81,13 +89,16 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
+        "--tool", choices=list(TOOLS), default="drive", help="drivetrain alone, or impact tool"
+    )
+    parser.add_argument(
         "--elf", type=Path, default=default_elf("uno"), help="firmware of the ATmega328P"
     )
     parser.add_argument(
         "--out",
         type=Path,
         default=None,
-        help="folder for log, verdict and report; default runs/demo_SEED",
+        help="folder for log, verdict and report; default runs/demo_TOOL_SEED",
     )
     return parser.parse_args(arguments)
 
@@ -97,18 +108,19 @@ def main(arguments: list[str]) -> int:
     verdict was right.
     """
     args = parse_arguments(arguments)
-    folder = args.out or ROOT / "runs" / f"demo_{args.seed}"
+    folder = args.out or ROOT / "runs" / f"demo_{args.tool}_{args.seed}"
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
-    sealed = draw_sealed(args.seed, folder)
+    rig, draw, run = TOOLS[args.tool]
+    sealed = draw(args.seed, folder)
     say(f"1  A tool is drawn by seed {args.seed}. Its effect is sealed; SHA-256 of the")
     say(f"   answer:\n  {sealed.commitment}")
     say("2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; python-can")
     say("   records its RS232 from a pty.")
-    recorded = record_run(args.elf, sealed.tool, folder, args.seed, show_progress)
+    recorded = record_run(args.elf, sealed.tool, folder, run(args.seed), show_progress)
     say("\r" + "\n".join(f"  {line}" for line in recorded.summary.splitlines()))
     say("3  Where does this log depart from the nominal simulation, and which effect is missing?")
-    verdict = diagnose(recorded.log, folder)
+    verdict = diagnose(recorded.log, rig, folder)
     answer = open_sealed(sealed.path, sealed.commitment)
     right = is_right(verdict, answer)
     gap = verdict["gap"]

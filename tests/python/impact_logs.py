@@ -1,4 +1,4 @@
-"""Logs of hammering tools for tests: from the project's plant, or from the independent generator."""
+"""Logs of hammering tools for tests, made by the project's plant."""
 
 import sys
 from typing import Any

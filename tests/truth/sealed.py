@@ -54,9 +54,11 @@ PREFIX = b"vgroove sealed truth 1\n"
 
 @dataclass(frozen=True)
 class Sealed:
-    """A tool with a sealed effect; `commitment` is the SHA-256 of the answer in `path`."""
+    """A lock-step tool with a sealed effect; `commitment` is the SHA-256 of the answer in
+    `path`.
+    """
 
-    tool: TruthTool
+    tool: object
     commitment: str
     path: Path
 
@@ -132,13 +134,18 @@ def tool_of(answer: dict[str, object]) -> TruthTool:
 def draw_sealed(seed: int, folder: Path) -> Sealed:
     """Draw the tool of a seed, and write the masked answer into `folder`."""
     answer = draw_answer(seed)
+    return write_sealed(answer, tool_of(answer), folder)
+
+
+def write_sealed(answer: dict[str, object], tool: object, folder: Path) -> Sealed:
+    """Write the masked answer into `folder`; the tool that it describes, sealed."""
     text = json.dumps(answer, sort_keys=True).encode()
     text += b" " * (1024 - len(text) % 1024)  # so that the length does not reveal the answer
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "sealed_truth.bin"
     commitment = hashlib.sha256(text).hexdigest()
     path.write_bytes(PREFIX + mask(text, commitment))
-    return Sealed(tool_of(answer), commitment, path)
+    return Sealed(tool, commitment, path)
 
 
 def open_sealed(path: Path, commitment: str) -> dict[str, object]:

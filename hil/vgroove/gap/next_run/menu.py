@@ -125,11 +125,11 @@ IMPACT_MENU: tuple[RunProfile, ...] = (
     ),
     _steps("loosening", "the joint tightened, then loosened", [1.0, -1.0]),
     *(
-        _steps(f"tighten, with {column}", f"the same run with {what}", [1.0], channels=(column,))
+        _steps(f"tighten, with {what}", f"the same run with the {what}", [1.0], channels=(column,))
         for column, what in (
-            ("hammer_mm", "the axial displacement of the hammer"),
-            ("anvil_angle_rad", "the angle of the anvil"),
-            ("anvil_torque_nm", "the torque at the anvil"),
+            ("hammer_mm", "displacement of the hammer"),
+            ("anvil_angle_rad", "angle of the anvil"),
+            ("anvil_torque_nm", "torque at the anvil"),
         )
     ),
 )
@@ -159,7 +159,7 @@ def profile_named(name: str) -> RunProfile:
     for profile in (*MENU, *IMPACT_MENU):
         if profile.name == name.replace("_", " "):
             return profile
-    names = ", ".join(profile.name for profile in MENU)
+    names = "; ".join(profile.name for profile in (*MENU, *IMPACT_MENU))
     raise VgrooveError(f"there is no run {name}; the menu has {names}")
 
 

@@ -28,6 +28,9 @@ from vgroove.gap.residual.impact.harmonics import (
 from vgroove.units import TURN_RAD
 
 REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamental may give the phase
+# Relative standard deviation of levels and periods besides scatter and noise: no tool repeats, and
+# no sensor keeps its scale, more closely from run to run
+REPEATABILITY = 1e-3
 NOISE_LEFT = 0.88  # RMS of unit white noise after interpolated(), over all places between rows
 MIN_CYCLES = 2.5  # of a window, which is about four cycles of the log long
 MIN_SIGNAL = 3.0  # standard deviations by which the fundamental of a cycle stands out
@@ -150,8 +153,10 @@ class CycleReader:
         noise = np.array(list(self.noise.values()))[:, None]
         least = self._variances(fit, np.broadcast_to(noise**2, fit.scatter.shape))
         left = self._variances(fit, np.maximum(fit.scatter, noise) ** 2)
-        ratio = scatter_between_windows(self.statistics(fit, False)[0]) / np.median(left, axis=0)
-        found = np.maximum(left * ratio, least)
+        values = self.statistics(fit, False)[0]
+        ratio = scatter_between_windows(values) / np.median(left, axis=0)
+        of_level = np.array([part.kind in (LEVEL, PERIOD) for part in self.parts])
+        found = np.maximum(left * ratio, least) + (REPEATABILITY * of_level * values) ** 2
         of_cycle = np.array([part.kind not in (LEVEL, RISE) for part in self.parts])
         found[np.ix_(~self.windows.periodic, of_cycle)] = np.inf
         return found
