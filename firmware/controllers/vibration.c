@@ -183,8 +183,9 @@ static uint16_t climb_turn(const Vibration *self, const VibrationSetpoints *set)
     return (uint16_t)(turn > UINT16_MAX ? UINT16_MAX : turn);
 }
 
-// The divisions run in the first ticks, one per tick. Back-EMF per 0.5 rpm: 500 mV / (rpm/V). Duty
-// Q15 per current Q9 through the winding: 2^15 * 2^16 * 1000 / (1000 * 2^9) = 2^22 mohm / mV.
+// The divisions run in the first ticks, one per tick, in ticks without a computation of the blow
+// detection. Back-EMF per 0.5 rpm: 500 mV / (rpm/V). Duty Q15 per current Q9 through the winding:
+// 2^15 * 2^16 * 1000 / (1000 * 2^9) = 2^22 mohm / mV.
 static void prepare(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
     self->prepared++;
     switch ((Prepare)self->prepared) {
@@ -232,7 +233,8 @@ static void note(Vibration *self, const ControllerInputs *in, const MotorVoltage
 int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in,
                        const Blow *blow) {
     BY_POINTER(self);
-    if (self->prepared < PREPARE_CLIMB) {
+    const bool resumes = self->prepared == (uint8_t)PREPARE_NONE;
+    if (self->prepared < PREPARE_CLIMB && (resumes || !blow->busy)) {
         prepare(self, set, in);
     }
     const MotorVoltages motor = measure(self, set, in);
