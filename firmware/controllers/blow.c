@@ -291,21 +291,22 @@ static bool grazes(const Blow *self) {
 
 // The hammer's swing lasts about 31 ms: when the motor needs longer than that from lug to lug at
 // the mean speed, the hammer lands on the same lug once more, at 51 ms a third time. Whether that
-// leaves a valley of its own depends on the joint. The computed speed is too inaccurate for
-// grazes().
+// leaves a valley of its own depends on the joint. The computed speed is too inaccurate for the
+// limits of the current.
 static uint8_t repeats_of(const Blow *self, const BlowSetpoints *set) {
     if (self->seen == SEEN_NONE) {
         return 0;
     }
+    const bool by_time = (uint8_t)set->source == BLOW_SOURCE_CURRENT;
     if (self->base_rpm >= self->again_rpm) {
-        return (uint8_t)set->source == BLOW_SOURCE_SPEED && grazes(self) ? 1 : 0;
+        return !by_time && grazes(self) ? 1 : 0;
     }
     if (self->base_rpm < (self->again_rpm >> 1) + THIRD_RPM) {
-        return self->seen == SEEN_MAX && draws(self, THIRD_A_Q9) ? 2 : 1;
+        return self->seen == SEEN_MAX && (by_time || draws(self, THIRD_A_Q9)) ? 2 : 1;
     }
     const uint16_t below_rpm = (uint16_t)(self->again_rpm - self->base_rpm);
-    const bool free = below_rpm - FREE_RPM < FREE_SPAN_RPM;
-    return free && !draws(self, FREE_A_Q9) ? 0 : 1;
+    const bool free = (uint16_t)(below_rpm - FREE_RPM) < FREE_SPAN_RPM;
+    return free && !by_time && !draws(self, FREE_A_Q9) ? 0 : 1;
 }
 
 // Classifies a valley by the angle since the last blow.

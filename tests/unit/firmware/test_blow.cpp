@@ -147,15 +147,23 @@ double repeats_at(const BlowSetpoints &set, double ms, double amps, double rippl
 }
 
 // From lug to lug in 31 ms or less the hammer has no time for a second swing, in 50 ms or more it
-// has time for a third; between 34.8 and 36.8 ms, and for a third one, the current decides.
+// has time for a third.
 TEST_P(BlowSources, RepeatsFollowFromTheTimePerLug) {
     const struct {
         double ms, amps;
         int repeats;
-    } cases[] = {{27.0, 10, 0}, {30.0, 10, 0}, {32.5, 10, 1}, {35.8, 10, 0}, {35.8, 18, 1},
-                 {40.0, 10, 1}, {47.0, 16, 1}, {54.0, 16, 2}, {54.0, 10, 1}};
+    } cases[] = {{27.0, 10, 0}, {30.0, 10, 0}, {32.5, 10, 1}, {35.8, 18, 1},
+                 {40.0, 10, 1}, {47.0, 16, 1}, {54.0, 16, 2}};
     for (const auto &c : cases)
         EXPECT_EQ(repeats_at(GetParam(), c.ms, c.amps, 0.1), c.repeats) << c.ms << ' ' << c.amps;
+}
+
+// Between 34.8 and 36.8 ms, and for a third landing, the current decides beside the Hall speed.
+TEST(Blow, ASmallCurrentIsAFreeSwing) {
+    EXPECT_EQ(repeats_at(SPEED, 35.8, 10, 0.1), 0);
+    EXPECT_EQ(repeats_at(SPEED, 54.0, 10, 0.1), 1);
+    EXPECT_EQ(repeats_at(CURRENT, 35.8, 10, 0.1), 1);
+    EXPECT_EQ(repeats_at(CURRENT, 54.0, 10, 0.1), 2);
 }
 
 // Just below 31 ms a contact shows by the current, detected by the Hall speed alone.
