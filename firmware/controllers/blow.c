@@ -56,8 +56,8 @@
 // to blow decides: a contact takes energy. Speeds are relative to again_rpm.
 #define THIRD_RPM 700                    // below half of again_rpm plus this there is a third
 #define THIRD_A_Q9 6656                  // landing, if the current is at least 13 A
-#define FREE_RPM 468u                    // up to 858 rpm below it the hammer lands beyond the lug
-#define FREE_SPAN_RPM (858u - FREE_RPM)  // if the current is below 14 A
+#define FREE_RPM 468u                    // up to 748 rpm below it the hammer lands beyond the lug
+#define FREE_SPAN_RPM (748u - FREE_RPM)  // if the current is below 14 A
 #define FREE_A_Q9 7168
 #define NEAR_RPM 432  // just above it: from 16 A on, 3.9 mA more per rpm
 #define NEAR_A_Q9 8192

@@ -152,17 +152,17 @@ TEST_P(BlowSources, RepeatsFollowFromTheTimePerLug) {
     const struct {
         double ms, amps;
         int repeats;
-    } cases[] = {{27.0, 10, 0}, {30.0, 10, 0}, {32.5, 10, 1}, {35.8, 18, 1},
+    } cases[] = {{27.0, 10, 0}, {30.0, 10, 0}, {32.5, 10, 1}, {35.0, 18, 1},
                  {40.0, 10, 1}, {47.0, 16, 1}, {54.0, 16, 2}};
     for (const auto &c : cases)
         EXPECT_EQ(repeats_at(GetParam(), c.ms, c.amps, 0.1), c.repeats) << c.ms << ' ' << c.amps;
 }
 
-// Between 34.8 and 36.8 ms, and for a third landing, the current decides beside the Hall speed.
+// Between 33.9 and 36.0 ms, and for a third landing, the current decides beside the Hall speed.
 TEST(Blow, ASmallCurrentIsAFreeSwing) {
-    EXPECT_EQ(repeats_at(SPEED, 35.8, 10, 0.1), 0);
+    EXPECT_EQ(repeats_at(SPEED, 35.0, 10, 0.1), 0);
     EXPECT_EQ(repeats_at(SPEED, 54.0, 10, 0.1), 1);
-    EXPECT_EQ(repeats_at(CURRENT, 35.8, 10, 0.1), 1);
+    EXPECT_EQ(repeats_at(CURRENT, 35.0, 10, 0.1), 1);
     EXPECT_EQ(repeats_at(CURRENT, 54.0, 10, 0.1), 2);
 }
 
