@@ -49,8 +49,21 @@
 
 // The first contact leaves no valley of its own: the first valley is that of the swing after it.
 #define LUGS_FIRST 2u
+#define MEANS_LATEST_MS 6u   // after a blow its means are computed
 #define SPEED_MAX_RPM 16383  // range of the Hall speed: differences fit in 16 bits
-#define THIRD_RPM 600        // below half of again_rpm plus this there is a third landing
+
+// Repeats of the reference tool, from drawn joints. Besides the speed, the mean current from blow
+// to blow decides: a contact takes energy. Speeds are relative to again_rpm.
+#define THIRD_RPM 700                    // below half of again_rpm plus this there is a third
+#define THIRD_A_Q9 6656                  // landing, if the current is at least 13 A
+#define FREE_RPM 468u                    // up to 748 rpm below it the hammer lands beyond the lug
+#define FREE_SPAN_RPM (748u - FREE_RPM)  // if the current is below 14 A
+#define FREE_A_Q9 7168
+#define NEAR_RPM 432  // just above it: from 16 A on, 3.9 mA more per rpm
+#define NEAR_A_Q9 8192
+#define GRAZE_RPM 1880   // up to here a joint that slips by 1.2 to 4.7 % of a lug lets the hammer
+#define GRAZE_A_Q9 8704  // touch the lug again: from 17 A on, 1 mA more per rpm, with a ripple
+#define GRAZE_RIPPLE_RPM 850  // plus an eighth of the speed of less than this
 
 // Values of `seen`, a count that saturates.
 #define SEEN_NONE 0u
@@ -142,8 +155,9 @@ static int16_t most_angle(const Blow *self) {
     return (int16_t)(self->lug_angle + (self->lug_angle >> 1));
 }
 
-// Integrates the angle; a lug passed without a valley is counted before the next valley.
-static void collect(Blow *self) {
+// Integrates angle and current; a lug passed without a valley is counted before the next valley.
+static void collect(Blow *self, int16_t current_a_q9) {
+    self->charge_q1 = (int16_t)(self->charge_q1 + (current_a_q9 >> 8));
     self->angle =
         (int16_t)(self->angle + (int16_t)((uint16_t)(4u * (uint16_t)self->speed_rpm) >> 8));
     self->angle = self->angle > ANGLE_MAX ? ANGLE_MAX : self->angle;
@@ -215,6 +229,7 @@ static void close_blow(Blow *self) {
     }
     self->last_fraction_q4 = fraction_q4;
     self->angle = 0;
+    self->charge_q1 = 0;
     self->since_ms = 0;
 }
 
@@ -254,35 +269,69 @@ static uint8_t lugs_of(Blow *self) {
     return lugs;
 }
 
+// Whether the mean current since the last blow is above this.
+static bool draws(const Blow *self, uint16_t least_a_q9) {
+    const uint16_t least_q1 = (uint16_t)(((uint32_t)least_a_q9 * self->since_ms) >> 8);
+    return self->charge_q1 > (int16_t)least_q1;
+}
+
+// Whether the hammer touches the lug again at a speed at which its swing alone ends beyond it.
+static bool grazes(const Blow *self) {
+    const uint16_t over_rpm = (uint16_t)(self->base_rpm - self->again_rpm);
+    if (over_rpm < NEAR_RPM) {
+        return draws(self, (uint16_t)(NEAR_A_Q9 + 2u * over_rpm));
+    }
+    const uint16_t slip = (uint16_t)(self->mean_angle - self->lug_angle);
+    const uint16_t lug = (uint16_t)self->lug_angle;
+    return over_rpm < GRAZE_RPM && slip >= (lug >> 7) + (lug >> 8) &&
+           slip < (lug >> 5) + (lug >> 6) &&
+           (uint16_t)self->ripple_rpm + (over_rpm >> 3) < GRAZE_RIPPLE_RPM &&
+           draws(self, (uint16_t)(GRAZE_A_Q9 + (over_rpm >> 1)));
+}
+
 // The hammer's swing lasts about 31 ms: when the motor needs longer than that from lug to lug at
 // the mean speed, the hammer lands on the same lug once more, at 51 ms a third time. Whether that
-// leaves a valley of its own depends on the joint.
-static uint8_t repeats_of(const Blow *self) {
-    if (self->base_rpm >= self->again_rpm || self->seen == SEEN_NONE) {
+// leaves a valley of its own depends on the joint. The computed speed is too inaccurate for the
+// limits of the current.
+static uint8_t repeats_of(const Blow *self, const BlowSetpoints *set) {
+    if (self->seen == SEEN_NONE) {
         return 0;
     }
-    return self->seen == SEEN_MAX && self->base_rpm < (self->again_rpm >> 1) + THIRD_RPM ? 2 : 1;
+    const bool by_time = (uint8_t)set->source == BLOW_SOURCE_CURRENT;
+    if (self->base_rpm >= self->again_rpm) {
+        return !by_time && grazes(self) ? 1 : 0;
+    }
+    if (self->base_rpm < (self->again_rpm >> 1) + THIRD_RPM) {
+        return self->seen == SEEN_MAX && (by_time || draws(self, THIRD_A_Q9)) ? 2 : 1;
+    }
+    const uint16_t below_rpm = (uint16_t)(self->again_rpm - self->base_rpm);
+    const bool free = (uint16_t)(below_rpm - FREE_RPM) < FREE_SPAN_RPM;
+    return free && !by_time && !draws(self, FREE_A_Q9) ? 0 : 1;
 }
 
 // Classifies a valley by the angle since the last blow.
-static void judge(Blow *self) {
+static void judge(Blow *self, const BlowSetpoints *set) {
     self->lugs = lugs_of(self);
     self->impacting = self->seen > SEEN_NONE;
     if (self->lugs > 0u) {
-        self->repeats = repeats_of(self);
+        self->repeats = repeats_of(self, set);
         close_blow(self);
     }
     self->hit_angle = self->angle;
 }
 
-// Does the computation that the last tick left: one per tick distributes the cycles.
-INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set) {
+// Does the computation that the last tick left: one per tick distributes the cycles. The means wait
+// for a tick without a Hall edge, whose speed needs a division as well.
+INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set, bool edge) {
     const Work due = (Work)self->work;
+    if (due == WORK_MEANS && edge && self->since_ms < MEANS_LATEST_MS) {
+        return;
+    }
     self->work = due == WORK_STARTED ? WORK_SETPOINTS : WORK_NONE;
     if (due == WORK_SETPOINTS) {
         take_setpoints(self, set);
     } else if (due == WORK_VALLEY) {
-        judge(self);
+        judge(self, set);
     } else if (due == WORK_MEANS) {
         learn_period(self);
     }
@@ -339,12 +388,12 @@ void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in)
     BY_POINTER(self);
     self->lugs = 0;
     self->busy = self->work != (uint8_t)WORK_NONE;
-    work(self, set);
+    work(self, set, in->edges > 0u);
     count_time(self);
     const int16_t last_rpm = self->signal_rpm;
     const bool rising = self->rising;
     sense(self, set, in);
-    collect(self);
+    collect(self, in->current_a_q9);
     if (turns_up(self)) {
         valley(self, last_rpm);
     }

@@ -34,8 +34,12 @@
 
 // When the current of a low target is exceeded so soon after the first evaluation, the joint is
 // hard: the torque is LOW_LATE_NM above that of the filtered current.
-#define LOW_LATE_MS 120u
+#define LOW_LATE_MS 40u
 #define LOW_LATE_NM 4
+// Until then the filters lag behind the current of a joint whose torque rises fast: the current
+// that stops a low target is lower by 2^-8 A for each 2^LOW_LEAD_SHIFT ms that are left.
+#define LOW_LEAD_MS 850u
+#define LOW_LEAD_SHIFT 4u
 #define LOW_EVALUATE_MS 450u  // the slowest filter settles after the motor's start
 #define RAISED_MS 8000u
 #define FULL_DECISIONS 150u    // in a row with the bridge fully on, one in two ticks: 0.3 s
@@ -137,6 +141,13 @@ static int16_t joint_a_q8(const Torque *self) {
     return (int16_t)(current + gained - (gained >> 2));
 }
 
+static int16_t stop_a_q8(const Torque *self) {
+    if (!filters_preset(self) || self->ticks >= LOW_LEAD_MS) {
+        return self->stop_a_q8;
+    }
+    return (int16_t)(self->stop_a_q8 - (int16_t)((LOW_LEAD_MS - self->ticks) >> LOW_LEAD_SHIFT));
+}
+
 static uint16_t evaluate_ms(const Torque *self) {
     return self->goal_mv < SLOW_BELOW_MV ? SLOW_EVALUATE_MS : EVALUATE_MS;
 }
@@ -191,7 +202,7 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
         return self->ticks < settle_ms(self) ? TORQUE_SETTLE : TORQUE_OVER;
     case TORQUE_RAISED:
         return self->ticks < RAISED_MS &&
-                       (!current_valid(self) || joint_a_q8(self) < self->stop_a_q8)
+                       (!current_valid(self) || joint_a_q8(self) < stop_a_q8(self))
                    ? TORQUE_RAISED
                    : TORQUE_OVER;
     case TORQUE_OVER:
@@ -230,7 +241,7 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
     } else if (stalled(self)) {
         off_nm = (int16_t)-target_nm;
     } else if (self->state == TORQUE_RAISED) {
-        off_nm = deviation_nm((int16_t)(joint_a_q8(self) - self->stop_a_q8), A_Q8_PER_NM);
+        off_nm = deviation_nm((int16_t)(joint_a_q8(self) - stop_a_q8(self)), A_Q8_PER_NM);
         if (self->raised_mv < TWICE_ABOVE_MV && self->ticks < LOW_EVALUATE_MS + LOW_LATE_MS) {
             off_nm = (int16_t)(off_nm + LOW_LATE_NM);
         }

@@ -25,11 +25,13 @@
 #define TURN_Q8 469u     // 1/256 turn in 2^-1 rpm ms: 60,000 * 2 / 256
 #define MOHM_MAX 511u    // limit of the setpoint in the computation
 
-// At a bus voltage below 16.9 V, and where a trigger that is pulled partly leaves less than LOW_MV
-// of the bus, the third climb on a hard joint would end on top of a lug.
+// At a bus voltage below 16.9 V the third climb on a hard joint would end on top of a lug.
 #define LOW_SURGE_A_Q9 Q(30.5, 9)
 #define LOW_256MV 66u  // 16.9 V in steps of 256 mV
-#define LOW_MV 15000u
+
+// Trigger times bus voltage from which on a soft start reduces the vibration. Below it the start
+// only decides by chance whether a hard joint falls in step.
+#define START_MV 15400u
 
 // Computations of the first ticks, one per tick, in their order.
 typedef enum {
@@ -80,13 +82,22 @@ static MotorVoltages measure(const Vibration *self, const VibrationSetpoints *se
 void vibration_start(Vibration *self, const VibrationSetpoints *set) {
     *self = (Vibration){
         .limit_q15 = INT16_MAX,
+        .least_q15 = UINT16_MAX,
         .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MAX ? set->motor_mohm : MOHM_MAX) << 7)};
 }
 
-static uint8_t next_phase(const Vibration *self, const ControllerInputs *in,
-                          const MotorVoltages *motor) {
+// Whether the trigger is too weak for a soft start, or not known to be strong enough yet.
+static bool is_weak(const Vibration *self, const ControllerInputs *in) {
+    return (uint16_t)in->trigger_q15 < self->least_q15;
+}
+
+static uint8_t next_phase(const Vibration *self, const VibrationSetpoints *set,
+                          const ControllerInputs *in, const MotorVoltages *motor) {
     switch ((VibrationPhase)self->phase) {
     case VIBRATION_APPROACH:
+        if (is_weak(self, in)) {
+            return in->travel_q15 < set->approach_q15 ? VIBRATION_APPROACH : VIBRATION_RUN;
+        }
         if (motor->emf_mv < self->top_mv - fixed_sixteenth(self->top_mv)) {
             return VIBRATION_CLIMB;
         }
@@ -107,14 +118,10 @@ static uint8_t next_phase(const Vibration *self, const ControllerInputs *in,
 // drop in the winding.
 static int16_t surge(const Vibration *self, const ControllerInputs *in) {
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
-    const int16_t surge_a_q9 =
-        (uint16_t)in->trigger_q15 < self->low_q15 && self->surge_a_q9 > LOW_SURGE_A_Q9
-            ? LOW_SURGE_A_Q9
-            : self->surge_a_q9;
-    if (in->current_a_q9 >= surge_a_q9) {
+    if (in->current_a_q9 >= self->surge_a_q9) {
         return self->duty_q15;
     }
-    const uint16_t rest_a_q9 = (uint16_t)surge_a_q9 - (uint16_t)in->current_a_q9;
+    const uint16_t rest_a_q9 = (uint16_t)self->surge_a_q9 - (uint16_t)in->current_a_q9;
     const uint16_t wanted_q15 =
         (uint16_t)((uint16_t)in->duty_q15 + high_word((uint32_t)rest_a_q9 * self->rise_q16));
     const uint16_t duty_q15 = wanted_q15 < most_q15 ? wanted_q15 : most_q15;
@@ -145,7 +152,9 @@ static int16_t output(Vibration *self, const VibrationSetpoints *set, const Cont
                       const MotorVoltages *motor, const Blow *blow) {
     switch ((VibrationPhase)self->phase) {
     case VIBRATION_APPROACH:
-        return slew_towards(self->duty_q15, set->approach_q15, APPROACH_STEP_Q15);
+        return is_weak(self, in)
+                   ? in->travel_q15
+                   : slew_towards(self->duty_q15, set->approach_q15, APPROACH_STEP_Q15);
     case VIBRATION_CLIMB:
         return climb(self, set);
     case VIBRATION_SURGE:
@@ -174,8 +183,9 @@ static uint16_t climb_turn(const Vibration *self, const VibrationSetpoints *set)
     return (uint16_t)(turn > UINT16_MAX ? UINT16_MAX : turn);
 }
 
-// The divisions run in the first ticks, one per tick. Back-EMF per 0.5 rpm: 500 mV / (rpm/V). Duty
-// Q15 per current Q9 through the winding: 2^15 * 2^16 * 1000 / (1000 * 2^9) = 2^22 mohm / mV.
+// The divisions run in the first ticks, one per tick, in ticks without a computation of the blow
+// detection. Back-EMF per 0.5 rpm: 500 mV / (rpm/V). Duty Q15 per current Q9 through the winding:
+// 2^15 * 2^16 * 1000 / (1000 * 2^9) = 2^22 mohm / mV.
 static void prepare(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
     self->prepared++;
     switch ((Prepare)self->prepared) {
@@ -195,7 +205,7 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
             (uint8_t)(in->supply_mv >> 8) < LOW_256MV && set->surge_a_q9 > LOW_SURGE_A_Q9
                 ? LOW_SURGE_A_Q9
                 : set->surge_a_q9;
-        self->low_q15 = divide_by_u16((uint32_t)LOW_MV << 15, in->supply_mv);
+        self->least_q15 = divide_by_u16((uint32_t)START_MV << 15, in->supply_mv);
         break;
     case PREPARE_RISE:
         self->rise_q16 = divide_by_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
@@ -206,9 +216,12 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
     }
 }
 
-// Greatest back-EMF of the approach, angle of the climb.
-static void note(Vibration *self, const MotorVoltages *motor) {
-    if (self->phase == VIBRATION_APPROACH) {
+// Greatest back-EMF of the approach, angle of the climb; the approach begins with the trigger that
+// is strong enough.
+static void note(Vibration *self, const ControllerInputs *in, const MotorVoltages *motor) {
+    if (self->phase == VIBRATION_APPROACH && is_weak(self, in)) {
+        self->phase_ms = 0;
+    } else if (self->phase == VIBRATION_APPROACH) {
         self->top_mv = self->phase_ms >= SETTLE_MS && motor->emf_mv > self->top_mv ? motor->emf_mv
                                                                                    : self->top_mv;
     } else if (self->phase == VIBRATION_CLIMB) {
@@ -220,13 +233,14 @@ static void note(Vibration *self, const MotorVoltages *motor) {
 int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in,
                        const Blow *blow) {
     BY_POINTER(self);
-    if (self->prepared < PREPARE_CLIMB) {
+    const bool resumes = self->prepared == (uint8_t)PREPARE_NONE;
+    if (self->prepared < PREPARE_CLIMB && (resumes || !blow->busy)) {
         prepare(self, set, in);
     }
     const MotorVoltages motor = measure(self, set, in);
     self->phase_ms = (uint8_t)(self->phase_ms + (self->phase_ms < UINT8_MAX ? 1u : 0u));
-    note(self, &motor);
-    const uint8_t next = next_phase(self, in, &motor);
+    note(self, in, &motor);
+    const uint8_t next = next_phase(self, set, in, &motor);
     if (next != self->phase) {
         self->phase = next;
         self->phase_ms = 0;

@@ -11,7 +11,8 @@
 //   APPROACH ------------> CLIMB --------------------> SURGE ---------------------------> RUN
 //      |      (hammer meets    (hammer released,               (or 100 ms elapsed)         ^
 //      |       the anvil)       or 100 ms elapsed)                                         |
-//      '-- 90 ms without a dip, or the shaft turned at the start: as the plain mode -------'
+//      '-- 90 ms without a dip, the shaft turned at the start, or trigger times bus voltage
+//          below 15.4 V: as the plain mode --------------------------------------------------'
 //
 // The speed is that of the Hall sensor (method 1) or computed from current and duty (method 2).
 #ifndef VGROOVE_CONTROLLERS_VIBRATION_H
@@ -46,7 +47,7 @@ typedef struct {
     int16_t limit_q15;    // duty limit on a hard joint
     uint16_t top_mv;      // greatest back-EMF of the approach
     uint16_t turned;      // angle since the dip, mV ms / 16
-    uint16_t low_q15;     // duty; below it the trigger gets the lower surge current
+    uint16_t least_q15;   // least trigger of a soft start
     uint16_t climb_turn;  // angle at which the hammer is released
     int16_t surge_a_q9;   // current after the release
     uint16_t mohm_q7;

@@ -3,7 +3,6 @@ tapes are equal bit for bit on both boards.
 """
 
 from dataclasses import asdict, replace
-from typing import Any
 
 import pytest
 from budget import CONTROL_CYCLES_MAX, TICK_CYCLES_MAX
@@ -23,19 +22,6 @@ from stress import (
 from vgroove import sil
 
 ISR_SHARE_MAX = 0.15
-# (mode, seed) of the corpus whose longest tick is beyond the budget, by up to 4 %: a blow is
-# evaluated while eight bytes are received and the fold-back acts at an edge.
-BEYOND = {("sync", 24), ("screwing", 24), ("vibration", 24), ("vibration", 1001)}
-
-
-def case(name: str, stress: Stress) -> Any:
-    """A row of the corpus as a parameter; those of BEYOND must fail until the budget holds."""
-    beyond = (stress.mode, stress.seed) in BEYOND
-    marks = [pytest.mark.xfail(strict=True, reason="beyond the budget")] if beyond else []
-    return pytest.param(name, stress, id=f"{name} {stress.mode} {stress.seed}", marks=marks)
-
-
-CASES = [case(name, stress) for name, stress in corpus()]
 FLOOD = Stress("duty", 7, "line rate", {"foldback_a": FOLDBACK_A})
 RATE_AT_LEAST = 15  # ACKs in 1.3 s of bytes without a pause
 
@@ -53,7 +39,13 @@ def keeps_budgets(found: dict) -> None:
     assert found["isr_share_worst_100ms"] <= ISR_SHARE_MAX
 
 
-@pytest.mark.parametrize(("name", "stress"), CASES)
+@pytest.mark.parametrize(
+    ("name", "stress"),
+    [
+        pytest.param(name, stress, id=f"{name} {stress.mode} {stress.seed}")
+        for name, stress in corpus()
+    ],
+)
 def test_the_longest_ticks_found_keep_the_budgets(
     name: str, stress: Stress, request: pytest.FixtureRequest
 ) -> None:
