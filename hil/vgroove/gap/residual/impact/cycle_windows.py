@@ -17,6 +17,8 @@ class WindowRules:
     search_s: float = 0.25  # length of the stretches in which the log's frequency is searched
     least_hz: float = 12.0  # impact rates of hand tools: 12 to 80 blows a second
     most_hz: float = 80.0
+    # band in which the frequency of each stretch is searched again, in usual frequencies of the log
+    around_usual: tuple[float, float] = (0.6, 1.6)
     band: float = 0.3  # largest relative difference between the frequencies of model and log
     min_rows: int = 40  # rows of a window: the harmonic model has up to 11 numbers
     min_windows: int = 8
@@ -65,8 +67,12 @@ def cut_windows(
     begin, end = int(rows[0]), int(rows[-1]) + 1
     first = np.arange(begin, max(begin + 1, end - length + 1), length // 2)
     wide = CycleWindows(first, min(length, end - begin), row_s, *_whole_band(len(first)))
-    found = fundamental_hz(wide.cut(signals), weight, row_s, wide.band_hz)
-    period_s = float(np.median(1.0 / found[len(found) // 3 :]))
+    stretches = wide.cut(signals)
+    found = fundamental_hz(stretches, weight, row_s, wide.band_hz)
+    # a change of the duty may look like a slow cycle: searched again near the usual frequency
+    near = np.tile(np.median(found) * np.array(RULES.around_usual), (len(found), 1))
+    found = fundamental_hz(stretches, weight, row_s, near)
+    period_s = float(np.median(1.0 / found))
     size = max(RULES.min_rows, round(RULES.cycles * period_s / row_s))
     first = np.arange(begin, end - size + 1, size)
     # the run-down after a release depends on the phase of the hammer at the release

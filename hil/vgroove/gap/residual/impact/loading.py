@@ -30,6 +30,9 @@ OTHER_KIND = "level"
 # scatter over the start angles, in standard deviations of a log's statistic, above which the
 # statistic is not judged
 MAX_START_SHARE = 5.0
+# Relative standard deviation of a slip torque along the joint, which no log states: wood and
+# lubricated threads vary by a few per cent from place to place (an estimate)
+SLIP_TORQUE, ROUGHNESS = "effects.thread_friction.relative", 0.03
 
 
 def load_impact_problem(
@@ -46,8 +49,9 @@ def load_impact_problem(
         nominal.append(_nominal(run, theta))
         stated = "hammer_start_rad" in rig.mechanism
         tried = theta[[PARAMETERS.index(START)]] if stated else start_angles(theta)
-        plain = simulate_statistics(run, from_starts(without_effects(theta), tried))
-        runs.append(with_start_scatter(run, plain))
+        neutral = without_effects(theta)
+        plain = simulate_statistics(run, from_starts(neutral, tried))
+        runs.append(with_roughness(with_start_scatter(run, plain), neutral))
         found = simulate_statistics(runs[-1], from_starts(theta, tried))
         starts.append(choose_starts(runs[-1], tried, found))
     own = own_values(rig, tools, starts, bool(joints))
@@ -161,6 +165,16 @@ def with_start_scatter(run: ImpactRun, statistics: np.ndarray) -> ImpactRun:
     )
     sigma = np.hypot(run.sigma, scatter)
     return replace(run, sigma=np.where(scatter > MAX_START_SHARE * run.sigma, np.inf, sigma))
+
+
+def with_roughness(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
+    """The run whose standard deviations contain the roughness of the joint: the response of the
+    statistics to a slip torque that is larger throughout, times ROUGHNESS.
+    """
+    both = np.stack([theta, theta])
+    both[1, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
+    plain, more = simulate_statistics(run, both)
+    return replace(run, sigma=np.hypot(run.sigma, np.nan_to_num(more - plain)))
 
 
 def without_effects(theta: np.ndarray) -> np.ndarray:
