@@ -99,8 +99,17 @@ def test_a_size_is_constant_if_its_sign_is_kept_and_its_scatter_is_at_most_half(
 ) -> None:
     found = sizes_of(value, sigma)
     assert found.is_constant() is constant
-    scaled = PartSizes(3.0 * found.value, 3.0 * found.sigma)
+    scaled = PartSizes(0.6 * found.value, 0.6 * found.sigma)
     assert scaled.is_constant() is constant
+
+
+@pytest.mark.parametrize(
+    ("mean", "constant"), [(0.49, False), (0.51, True), (1.0, True), (1.99, True), (2.01, False)]
+)
+def test_the_mean_of_the_parts_is_that_of_all_rows_up_to_a_factor_of_two(
+    mean: float, constant: bool
+) -> None:
+    assert sizes_of([mean, mean], [0.01, 0.02]).is_constant() is constant
 
 
 def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Search) -> None:

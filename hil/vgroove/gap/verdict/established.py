@@ -60,8 +60,8 @@ class Member:
     @cached_property
     def keeps_size(self) -> bool:
         """Whether its size is the same wherever the logs show it."""
-        left = max(self.search.score(self.search.retuned) - self.search.floor_power, 1e-9)
-        return consistency.keeps_its_size(self.search, self.best, self.id, self.gain / left)
+        closed = self.search.closed_share(self.best, self.without)
+        return consistency.keeps_its_size(self.search, self.best, self.id, closed)
 
     @cached_property
     def loses_little(self) -> bool:
