@@ -149,8 +149,11 @@ def best_established(search: Search, found: Fit, covariates: Covariates, examine
 
 def replaces(search: Search, one: Fit, found: Fit) -> bool:
     """Whether an established set of a smaller squared gap replaces another one: not where both
-    predict the held-out rows equally well, and with further members only where it is better.
+    predict the held-out rows equally well, and with further members only where it is better. The
+    empty set is replaced by any: the members of an established one are significant.
     """
+    if not found.ids:
+        return True
     if search.is_tied(found, one):
         return False
     return len(one.ids) <= len(found.ids) or search.is_better(one, found)
