@@ -99,6 +99,15 @@ def test_one_effect_is_named(name: str, size: float) -> None:
     assert found[0].reported_gap(found[1].best) < 1.02
 
 
+def test_the_effect_without_which_a_set_leaves_most_is_named_first() -> None:
+    state = Scored(11.0, 11.0, 1.0)
+    best = SimpleNamespace(ids=("a", "b", "c"))
+    state.fits = {("b", "c"): 2.0, ("a", "c"): 4.0, ("a", "b"): 2.0}
+    state.score = float
+    finding = SimpleNamespace(best=best, names_effects=True)
+    assert effect_findings.selected(state, finding) == ["b", "a", "c"]
+
+
 def test_a_pair_is_named_strongest_first() -> None:
     toy = Toy(
         {"effects.coulomb_friction.torque_nm": 0.00425, "effects.current_gain.relative": -0.0746}
