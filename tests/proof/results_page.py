@@ -103,16 +103,33 @@ def blind_set(name: str) -> list[str]:
     ]
 
 
-def measured_regime() -> list[str]:
-    """Rates and calibration of the regime `measured`."""
-    result = read("gap_bench_measured")
-    rates = result["rates"]["measured"]
+def measured_cases(result: dict[str, Any]) -> list[str]:
+    """Which cases of the regime `measured` a result holds, and the command that gives it: those of
+    consecutive numbers where it states the first and the last one, else the first ones.
+    """
+    command, ends = f"`vgroove gap bench --set {result['set']}", result.get("numbers")
+    if ends is None:
+        return [
+            f"The first {result['cases']} cases with disturbances ([gap_bench](gap_bench.md)),",
+            f"engine {result['engine']}:",
+            f"{command} --regime measured --count {result['cases']}`.",
+        ]
     return [
-        f"## Blind set of the diagnosis, regime `measured`, half `{result['set']}`",
+        f"The cases {ends[0]} to {ends[1]} with disturbances ([gap_bench](gap_bench.md)),",
+        f"engine {result['engine']}:",
+        f"{command} --number {ends[0]} ... --number {ends[1]}`.",
+    ]
+
+
+def measured_regime(name: str) -> list[str]:
+    """Rates and calibration of the regime `measured`."""
+    result = read(name)
+    rates = result["rates"]["measured"]
+    part = ", further cases" if "numbers" in result else ""
+    return [
+        f"## Blind set of the diagnosis, regime `measured`, half `{result['set']}`{part}",
         "",
-        f"The first {result['cases']} cases with disturbances ([gap_bench](gap_bench.md)), engine",
-        f"{result['engine']}:",
-        f"`vgroove gap bench --set {result['set']} --regime measured --count {result['cases']}`.",
+        *measured_cases(result),
         "",
         *table(
             ("cases", "95 % interval", "goal"),
@@ -374,7 +391,8 @@ def page() -> str:
         demo(),
         blind_set("gap_bench"),
         blind_set("gap_bench_tune"),
-        measured_regime(),
+        measured_regime("gap_bench_measured_further"),
+        measured_regime("gap_bench_measured"),
         growth(),
         speed(),
         trap(),

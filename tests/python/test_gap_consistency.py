@@ -99,8 +99,17 @@ def test_a_size_is_constant_if_its_sign_is_kept_and_its_scatter_is_at_most_half(
 ) -> None:
     found = sizes_of(value, sigma)
     assert found.is_constant() is constant
-    scaled = PartSizes(3.0 * found.value, 3.0 * found.sigma)
+    scaled = PartSizes(0.6 * found.value, 0.6 * found.sigma)
     assert scaled.is_constant() is constant
+
+
+@pytest.mark.parametrize(
+    ("mean", "constant"), [(0.49, False), (0.51, True), (1.0, True), (1.99, True), (2.01, False)]
+)
+def test_the_mean_of_the_parts_is_that_of_all_rows_up_to_a_factor_of_two(
+    mean: float, constant: bool
+) -> None:
+    assert sizes_of([mean, mean], [0.01, 0.02]).is_constant() is constant
 
 
 def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Search) -> None:
@@ -436,6 +445,40 @@ def test_a_member_that_closes_half_of_what_the_others_leave_gains_enough(
     assert state.gains_share("best", "without") is enough
 
 
+@pytest.mark.parametrize(
+    ("left", "gains", "closed"),
+    [
+        ([0.5, 0.5, 0.5], [0.5, 0.5, 0.5], 0.5),
+        ([1.0, 1.0, 0.1], [0.0, 0.0, 0.9], 0.9),  # of one signal alone
+        ([1.0, 1.0, 0.001], [0.0, 0.0, 0.009], 0.009 / 2.01),  # no visible gap there
+    ],
+)
+def test_the_share_that_a_member_closes_is_that_of_the_signal_in_which_it_closes_most(
+    left: list[float], gains: list[float], closed: float
+) -> None:
+    """left: squared gap above the noise that the set leaves in each signal."""
+    state = gains_state(1.0 / 3.0 + np.array(left), np.array(gains))
+    assert state.closed_share("best", "without") == pytest.approx(closed)
+
+
+@pytest.mark.parametrize(
+    ("found", "tied", "better", "replaced"),
+    [
+        ((), True, False, True),
+        (("a",), True, True, False),
+        (("a",), False, False, False),
+        (("a",), False, True, True),
+        (("a", "c"), False, False, True),
+    ],
+)
+def test_an_established_set_replaces_the_empty_one_and_any_that_it_betters(
+    found: tuple[str, ...], tied: bool, better: bool, replaced: bool
+) -> None:
+    state = SimpleNamespace(is_tied=lambda *_: tied, is_better=lambda *_: better)
+    sets = (SimpleNamespace(ids=ids) for ids in (("a", "b"), found))
+    assert established.replaces(state, *sets) is replaced
+
+
 def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
     """A search with the squared gaps (3,) of the signals that a set leaves, and that it leaves
     without a member, by gains more; retuning leaves 10 above the noise in each.
@@ -448,7 +491,7 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
         retuned="retuned",
         sample_shares=np.full(3, 1.0 / 3.0),
     )
-    for method in (Search.is_substantial, Search.gains_share):
+    for method in (Search.is_substantial, Search.gains_share, Search.closed_share):
         setattr(state, method.__name__, MethodType(method, state))
     return state
 

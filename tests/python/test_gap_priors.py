@@ -301,3 +301,24 @@ def test_a_delay_beyond_the_first_bound_widens_it() -> None:
     (delay, *_) = one.hypothesis.coordinates
     assert one.x[0] * delay.factors[0] == pytest.approx(delay_s, abs=SLOW_ROW_S)
     assert not delay.ends_at_search_bound(float(one.x[0]))
+
+
+@pytest.mark.parametrize(
+    ("size", "parameters", "excluded"),
+    [(1.4, 1, False), (1.6, 1, True), (1.6, 2, True), (1.6, 0, False), (-1.6, 1, True)],
+)
+def test_the_prior_excludes_a_tied_rival_by_odds_of_more_than_three(
+    size: float, parameters: int, excluded: bool
+) -> None:
+    """Student's t of 3 degrees of freedom: (1 + z^2 / 3)^-2 is 1/3 at z = 1.482. A rival of fewer
+    parameters than the set, which has one, is not excluded.
+    """
+    toy = Toy({})
+    state = SimpleNamespace(problem=toy, engine=Engine(toy, SCALES, {}))
+    theta = toy.theta0.copy()
+    theta[toy.index(ADDED.name(ADDED.leading))] = size * ADDED.leading.plausible(SCALES)
+    best, rival = (
+        SimpleNamespace(ids=ids, theta=lambda _, t=t: t, hypothesis=SimpleNamespace(count=count))
+        for ids, t, count in (((), theta, 1), ((ADDED.id,), theta, parameters))
+    )
+    assert search.prior_excludes(state, rival, best) is excluded

@@ -99,6 +99,15 @@ def test_one_effect_is_named(name: str, size: float) -> None:
     assert found[0].reported_gap(found[1].best) < 1.02
 
 
+def test_the_effect_without_which_a_set_leaves_most_is_named_first() -> None:
+    state = Scored(11.0, 11.0, 1.0)
+    best = SimpleNamespace(ids=("a", "b", "c"))
+    state.fits = {("b", "c"): 2.0, ("a", "c"): 4.0, ("a", "b"): 2.0}
+    state.score = float
+    finding = SimpleNamespace(best=best, names_effects=True)
+    assert effect_findings.selected(state, finding) == ["b", "a", "c"]
+
+
 def test_a_pair_is_named_strongest_first() -> None:
     toy = Toy(
         {"effects.coulomb_friction.torque_nm": 0.00425, "effects.current_gain.relative": -0.0746}
@@ -663,26 +672,44 @@ def test_of_a_set_that_leaves_a_remainder_the_established_members_are_named(
 
 
 @pytest.mark.parametrize(
-    ("rivals", "established", "left", "verdict"),
+    ("rivals", "established", "excluded", "left", "verdict"),
     [
-        (True, True, 5.0, "ambiguous"),
-        (True, False, 5.0, "partial"),
-        (True, False, 3.0, "effect"),
-        (False, True, 5.0, "partial"),
+        (True, True, False, 5.0, "ambiguous"),
+        (True, True, True, 5.0, "partial"),
+        (True, False, False, 5.0, "partial"),
+        (True, False, False, 3.0, "effect"),
+        (False, True, False, 5.0, "partial"),
     ],
 )
-def test_a_rival_of_a_partial_set_counts_where_it_is_established_too(
-    rivals: bool, established: bool, left: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+def test_a_rival_of_a_partial_set_counts_where_it_is_established_and_not_improbable(
+    rivals: bool,
+    established: bool,
+    excluded: bool,
+    left: float,
+    verdict: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     state, best, other = Scored(11.0, 11.0, left), named_gap(left, 1), named_gap(left, 2)
     monkeypatch.setattr(decision, "established_set", lambda *_: best)
     monkeypatch.setattr(decision, "is_established_rival", lambda *_: established)
+    monkeypatch.setattr(decision, "prior_excludes", lambda *_: excluded)
     state.fits = {("a",): best}
     choice = search.Selection(state, best, [other] if rivals else [])
     found = decision.decide(choice, structure(True), {})
     assert (found.verdict, found.best) == (verdict, best)
     assert found.rivals == ([other] if verdict == "ambiguous" else [])
     assert found.names_effects
+
+
+@pytest.mark.parametrize(("after", "verdict"), [(3.9, "effect"), (4.1, "unlisted")])
+def test_a_set_without_established_members_is_named_only_near_the_noise(
+    after: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Squared gaps: 40 before the fit; either set closes more than 0.9 of it."""
+    state, best = Scored(40.0, 40.0, after), named_gap(after, 1)
+    monkeypatch.setattr(decision, "established_set", lambda search, *_: search.retuned)
+    found = decision.decide(selected(state, best), structure(True), {})
+    assert (found.verdict, found.best) == (verdict, best)
 
 
 # Squared gaps: the retuned model leaves 11 (far from the noise: more than 2 in the gap, 4 squared)

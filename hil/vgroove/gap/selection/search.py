@@ -192,6 +192,14 @@ def is_implausible(search: Search, one: Fit) -> bool:
     return prior_density(search, one) < MIN_PRIOR
 
 
+def prior_excludes(search: Search, rival: Fit, best: Fit) -> bool:
+    """Whether the prior of the sizes decides against a tied set that has no fewer parameters than
+    the best one.
+    """
+    odds = prior_density(search, best) / prior_density(search, rival)
+    return rival.hypothesis.count >= best.hypothesis.count and odds > MIN_PRIOR_ODDS
+
+
 def prior_density(search: Search, one: Fit) -> float:
     """Prior density of the sizes of a set's members, relative to that at 0: for each Student's t of
     3 degrees of freedom in units of the size that the catalogue calls plausible.

@@ -21,6 +21,7 @@ from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection.model_comparison import (
     BOOTSTRAP,
+    MIN_POWER,
     Blocks,
     block_sums,
     clipped_squares,
@@ -224,6 +225,16 @@ class Search:
         left = max(float(np.sum(more)) - self.floor_power, 0.0)
         larger_part = np.sum(more - with_it) >= COMPARISON.min_gain_of_left * left
         return bool(larger_part) or self.is_substantial(more - with_it)
+
+    def closed_share(self, fuller: Fit, leaner: Fit) -> float:
+        """Share that a fit closes of what another one leaves above the sensors' noise, over all
+        signals or in one in which it closes a visible gap, whichever is larger.
+        """
+        with_it, more = (self.loss_by_signal(f) for f in (fuller, leaner))
+        left, part = np.maximum(more - self.floor_by_signal, MIN_POWER), more - with_it
+        visible = part > COMPARISON.visible_excess * self.sample_shares
+        pooled = float(np.sum(part)) / float(np.sum(left))
+        return float(max([pooled, *(part[visible] / left[visible])]))
 
     @cached_property
     def floor_by_signal(self) -> np.ndarray:

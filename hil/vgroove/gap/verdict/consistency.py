@@ -26,12 +26,17 @@ class ConsistencyLimits:
     """Thresholds of the consistency of an effect (docs/spec/gap.md, section 5)."""
 
     max_scatter: float = 0.5  # random-effects standard deviation, as a share of the value
+    # largest factor between the mean of the sizes in parts and the size in all rows; chosen on the
+    # tuning half of the blind set (docs/gap_bench.md)
+    max_mean_factor: float = 2.0
     max_lost: float = 0.1  # squared gap that some parts lose, as a share of what the others gain
     # largest further gain of the flexible correction of the effect's subsystem, and of the effect
     # with a size that depends smoothly on a measured quantity, as shares of the effect's gain
     max_subsystem_gain: float = 0.35
     max_varying_gain: float = 0.35
-    min_closed_undivided: float = 0.9  # share of the gap that an effect of one part must close
+    # share of what the set without an effect leaves, over all signals or in one, that the effect
+    # must close where no division has two parts that show it
+    min_closed_undivided: float = 0.9
     # standard deviation of the size in a part, above which the part does not show the effect
     max_part_sigma: float = 1.0
     # a part contradicts the sign, or loses squared gap, from so many standard deviations on
@@ -69,12 +74,14 @@ class PartSizes:
         )
 
     def is_constant(self) -> bool:
-        """Whether hardly any part contradicts the sign, and the scatter is at most max_scatter
-        times the mean.
+        """Whether hardly any part contradicts the sign, the mean is that of all rows, 1, up to
+        max_mean_factor, and the scatter is at most max_scatter times the mean.
         """
         mean, between = self.scatter()
         weight, contradicts = self.sigma**-2.0, self.value + LIMITS.sign_sigmas * self.sigma < 0.0
-        if mean <= 0.0 or weight[contradicts].sum() > LIMITS.max_contradicting * weight.sum():
+        if not 1.0 <= mean * LIMITS.max_mean_factor <= LIMITS.max_mean_factor**2:
+            return False
+        if weight[contradicts].sum() > LIMITS.max_contradicting * weight.sum():
             return False
         return between <= LIMITS.max_scatter * mean
 
@@ -167,7 +174,7 @@ def _size_in_part(
 def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: float) -> bool:
     """Whether the effect's size is the same in all parts of every division in which at least two
     parts show it. Without such a division the effect must close nearly all. closed: share that it
-    closes of the squared gap left by retuning.
+    closes of the squared gap left by the set without it, over all signals or in one alone.
     """
     divided = False
     for part in partitions(search):

@@ -8,7 +8,7 @@ from vgroove.gap.catalogue import SPECIAL_CASES
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.intervals import in_catalogue_form
-from vgroove.gap.selection.search import Selection, tied_rivals
+from vgroove.gap.selection.search import Selection, prior_excludes, tied_rivals
 from vgroove.gap.selection.search_state import COMPARISON, Search, key
 from vgroove.gap.verdict.covariates import Covariates
 from vgroove.gap.verdict.established import established_set, is_established_rival
@@ -58,7 +58,8 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
     A gap that retuning brings down to the noise is none. A set that leaves no significant remainder
     is named as it was selected. Of any other set the
     established members are named, with further effects that are established beside them. Where
-    nothing is established, the set is named if it closes enough, and the gap is unlisted otherwise.
+    nothing is established, the set is named if it ends near the noise and closes enough, and the
+    gap is unlisted otherwise.
     """
     search, best = selection.search, selection.best
     if search.reported_gap(search.retuned) <= search.floor:
@@ -76,7 +77,11 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
         return without_established(selection, remainder)
     same = key(part.ids) == key(best.ids)
     rivals = selection.rivals if same else tied_rivals(search, part)
-    rivals = [f for f in rivals if is_established_rival(search, f, part, covariates)]
+    rivals = [
+        f
+        for f in rivals
+        if not prior_excludes(search, f, part) and is_established_rival(search, f, part, covariates)
+    ]
     left = remainder if same else remaining(search, part, covariates)
     return named(search, part, rivals, left)
 
@@ -102,9 +107,11 @@ def without_remainder(selection: Selection, remainder: Remainder) -> Finding:
 
 
 def without_established(selection: Selection, remainder: Remainder) -> Finding:
-    """The finding on a set of which no member is established."""
+    """The finding on a set of which no member is established: it is named only near the noise,
+    where it must close enough.
+    """
     search, best = selection.search, selection.best
-    if not best.ids or is_doubtful(search, best):
+    if not best.ids or is_doubtful(search, best) or not is_limited_by_noise(search, best):
         return Finding("unlisted", best, [], remainder)
     return named(search, best, selection.rivals, remainder)
 

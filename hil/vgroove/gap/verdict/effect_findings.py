@@ -75,7 +75,7 @@ def comparison_evidence(
     best = finding.best
     if not finding.names_effects or effect_id not in best.ids:
         return None
-    rest = search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
+    rest = known_without(search, best, effect_id)
     before, after = (float(np.sqrt(search.score(f))) for f in (rest, best))
     return ComparisonEvidence(
         comparison_of(search), before, after, float(np.sqrt(search.floor_power))
@@ -83,11 +83,18 @@ def comparison_evidence(
 
 
 def selected(search: Search, finding: Finding) -> list[str]:
-    """Ids of the named effects, strongest first; none for the verdicts none and unlisted."""
+    """Ids of the named effects, that first without which the set leaves most; none for the
+    verdicts none and unlisted.
+    """
     if not finding.names_effects:
         return []
-    strength = {i: lost_without(search, finding.best, i) for i in finding.best.ids}
-    return sorted(finding.best.ids, key=lambda i: (-strength[i], i))
+    left = {i: search.score(known_without(search, finding.best, i)) for i in finding.best.ids}
+    return sorted(finding.best.ids, key=lambda i: (-left[i], i))
+
+
+def known_without(search: Search, best: Fit, effect_id: str) -> Fit:
+    """The known fit of a set without one of its effects; the retuned one where there is none."""
+    return search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
 
 
 def lost_without(search: Search, best: Fit, effect_id: str) -> float:
@@ -95,7 +102,7 @@ def lost_without(search: Search, best: Fit, effect_id: str) -> float:
     if effect_id not in best.ids:
         return 0.0
     floor = search.floor
-    rest = search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
+    rest = known_without(search, best, effect_id)
     before, after, without = (search.reported_gap(f) for f in (search.nominal, best, rest))
     if before - floor < MIN_GAP:
         return 0.0

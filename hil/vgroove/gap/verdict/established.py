@@ -60,8 +60,8 @@ class Member:
     @cached_property
     def keeps_size(self) -> bool:
         """Whether its size is the same wherever the logs show it."""
-        left = max(self.search.score(self.search.retuned) - self.search.floor_power, 1e-9)
-        return consistency.keeps_its_size(self.search, self.best, self.id, self.gain / left)
+        closed = self.search.closed_share(self.best, self.without)
+        return consistency.keeps_its_size(self.search, self.best, self.id, closed)
 
     @cached_property
     def loses_little(self) -> bool:
@@ -149,8 +149,11 @@ def best_established(search: Search, found: Fit, covariates: Covariates, examine
 
 def replaces(search: Search, one: Fit, found: Fit) -> bool:
     """Whether an established set of a smaller squared gap replaces another one: not where both
-    predict the held-out rows equally well, and with further members only where it is better.
+    predict the held-out rows equally well, and with further members only where it is better. The
+    empty set is replaced by any: the members of an established one are significant.
     """
+    if not found.ids:
+        return True
     if search.is_tied(found, one):
         return False
     return len(one.ids) <= len(found.ids) or search.is_better(one, found)
