@@ -22,6 +22,7 @@ from impact_visible import (
     remainder,
     strength,
     sure_squares,
+    with_tolerance,
 )
 from make_impact_cases import (
     ImpactCase,
@@ -41,6 +42,9 @@ MIN_EXPLAINED = 0.75
 MAX_EXPLAINED_OUTSIDE = 0.6
 # Visibility of what a rival leaves, below which it cannot be distinguished from the truth
 INVISIBLE = 0.5
+# Share of the squared gap that a rival leaves in its linear response, above which it is not simulated
+# again
+HOPELESS = 0.9
 RIVAL_START = 2.0  # size of a rival in its linear response, times its start size
 
 
@@ -109,7 +113,7 @@ class Fits:
     def __init__(self, case: ImpactCase) -> None:
         self.case = case
         self.plain = replace(case.setting, other_forms=False)
-        self.reference: Reference = reference_of(self.plain, RIVAL_SEEDS)
+        self.reference: Reference = with_tolerance(reference_of(self.plain, RIVAL_SEEDS))
         self.changed = change(self.reference, case.params)
         self.group = groups(self.plain)
 
@@ -139,7 +143,9 @@ class Fits:
         least = [-np.inf] * len(kept) + [-np.inf if effect.signed else 0.0]
         found, left = remainder(self.reference, self.changed, [*kept, column], least)
         again = float(np.clip(found[-1] * size, -largest(self.plain, effect.id, -1.0), top))
-        if abs(again) < 0.05 * size:
+        if abs(again) < 0.05 * size or self.squared(left) > HOPELESS * self.squared(
+            self.changed[0]
+        ):
             return left
         second = self.left([*kept, self.column(effect.id, again)], least)
         return min(left, second, key=self.squared)
