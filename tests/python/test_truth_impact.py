@@ -1,5 +1,5 @@
-"""The generator's impact tool: with every effect off it agrees with the plant, energy does not grow,
-the step has converged, and the cases are what their labels say.
+"""The generator's impact tool: with every effect off it agrees with the plant, its energy does not
+grow, its step has converged, and the cases are what their labels say.
 """
 
 import json

@@ -42,8 +42,8 @@ MIN_EXPLAINED = 0.75
 MAX_EXPLAINED_OUTSIDE = 0.6
 # Visibility of what a rival leaves, below which it cannot be distinguished from the truth
 INVISIBLE = 0.5
-# Share of the squared gap that a rival leaves in its linear response, above which it is not simulated
-# again
+# Share of the squared gap that a rival leaves in its linear response, above which it is not
+# simulated again
 HOPELESS = 0.9
 RIVAL_START = 2.0  # size of a rival in its linear response, times its start size
 

@@ -19,8 +19,8 @@ PITCH_M, FLANK_M, HEAD_M = 2e-3, 14.701e-3, 20e-3
 FLAT_NM_PER_RAD = 700.0  # slope of the slip torque of springs that lie flat
 STRIP_RAD = np.pi / 2  # stripping wood loses half of the seat torque over this angle
 KNOT_EDGE = 0.15  # of the width of a knot: its flanks are smooth
-# Keys of an effect that belong to the joint's slip torque; the bends and the skew are those of forms
-# other than the catalogue's
+# Keys of an effect that belong to the joint's slip torque; the bends and the skew are those of
+# forms other than the catalogue's
 JOINT_KEYS = (
     "joint_friction",
     "joint_friction_bend",

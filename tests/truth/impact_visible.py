@@ -5,9 +5,10 @@ The statistics of a log are means over stretches of about half a second at const
 rate, spread of the blow period, level and ripple of current, speed and supply, and the shapes of
 current and speed over the phase of a cycle; and current and speed in the first 60 ms. Their sigma
 is the standard deviation over runs of the effect-free tool with other start angles, roughness and
-noise, at least the repeatability of a tool that has been put down and taken up again (LEAST_*). The
-visibility of an effect, after a fit of the rig's tolerated keys, is the RMS of its mean change in sigma over the statistics of the
-group in which that is largest; the visible limit is the size at which it is 1.
+noise, at least the repeatability of a tool that has been put down and taken up again (LEAST_*).
+The visibility of an effect, after a fit of the rig's tolerated keys, is the RMS of its mean change
+in sigma over the statistics of the group in which that is largest; the visible limit is the size
+at which it is 1.
 """
 
 from collections.abc import Sequence
@@ -26,8 +27,8 @@ RUN_UP_S, RUN_UP_PARTS = 0.06, 4
 PHASES = 5  # of a cycle
 SURE = 2.0  # standard errors of a mean change that do not count
 LEAST_GROUP = 16  # statistics
-# Least sigma: of a level, of the bus voltage, of the spread of the period, of a ripple (relative, but
-# for the spread), of the gained angle, the retraction, the torque; of current in A, speed in rpm
+# Least sigma: of a level, of the bus voltage, of the spread of the period, of a ripple (relative,
+# but for the spread), of the gained angle, the retraction, the torque; of current in A, speed in rpm
 LEAST_LEVEL, LEAST_BUS, LEAST_SPREAD, LEAST_RIPPLE = 3e-3, 1e-3, 0.02, 0.03
 LEAST_BENCH = (5e-3, 0.01, 0.01, 0.02, 0.02)
 LEAST_RUN_UP = (0.1, 10.0)
