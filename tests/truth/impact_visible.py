@@ -28,7 +28,7 @@ PHASES = 5  # of a cycle
 SURE = 2.0  # standard errors of a mean change that do not count
 LEAST_GROUP = 16  # statistics
 # Least sigma: of a level, of the bus voltage, of the spread of the period, of a ripple (relative,
-# but for the spread), of the gained angle, the retraction, the torque; of current in A, speed in rpm
+# but for the spread), of gained angle, retraction, torque; of current in A, of speed in rpm
 LEAST_LEVEL, LEAST_BUS, LEAST_SPREAD, LEAST_RIPPLE = 3e-3, 1e-3, 0.02, 0.03
 LEAST_BENCH = (5e-3, 0.01, 0.01, 0.02, 0.02)
 LEAST_RUN_UP = (0.1, 10.0)
