@@ -10,7 +10,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from impact_cases import BENCH, ImpactSetting, effect_params, log_columns, simulate
+from impact_assess import assess
+from impact_cases import (
+    BENCH,
+    ImpactCase,
+    ImpactSetting,
+    UnsuitableDraw,
+    effect_params,
+    log_columns,
+    simulate,
+)
 from impact_effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
 from impact_joints import TURN
 from impact_profiles import NAMES, draw_impact
@@ -52,10 +61,6 @@ LEAST_TURNS = 1.0  # of a screw in its joint
 SLEWS = (None, None, 5.0, 10.0)  # per s, drawn
 
 
-class UnsuitableDraw(Exception):
-    """This draw makes no case; the next one is tried."""
-
-
 @dataclass(frozen=True)
 class ImpactOptions:
     """Options of a set of cases; `tool` and `joint` are the shares of cases with a tool and a joint
@@ -73,19 +78,6 @@ class ImpactOptions:
     tool: float
     joint: float
     bench: float
-
-
-@dataclass(frozen=True)
-class ImpactCase:
-    """A drawn case: kind, setting, and the effects' sizes, multiples of the visible limit and
-    parameters.
-    """
-
-    kind: str
-    setting: ImpactSetting
-    sizes: dict[str, float]
-    multiples: dict[str, float]
-    params: dict[str, float]
 
 
 def effects_of(
@@ -145,7 +137,9 @@ def draw_impact_case(kind: str, index: int, options: ImpactOptions, seed: int) -
         rng = np.random.default_rng([seed, index, attempt])
         ids = effects_of(kind, index, options, rng)
         try:
-            return attempt_case(kind, draw_setting(ids, options, rng), ids, options.sizes, rng)
+            case = attempt_case(kind, draw_setting(ids, options, rng), ids, options.sizes, rng)
+            assess(case)
+            return case
         except (UnsuitableDraw, ArithmeticError) as reason:
             reasons.append(str(reason))
     raise RuntimeError(f"no case of {kind} {index} in {ATTEMPTS} draws: {reasons[-3:]}")
