@@ -13,6 +13,7 @@ from impact_joints import JOINT_KEYS, TURN
 from impact_rigs import ImpactRig
 
 Made = Callable[[ImpactRig, float, np.random.Generator], dict[str, float]]
+STIFF = ("locked", "hard_joint", "disc_spring")
 EVERYWHERE = ("locked", "hard_joint", "disc_spring", "wood_screw")
 
 
@@ -215,7 +216,7 @@ MECHANISM = tuple(
             _relative("mechanism.contact_damping_n_s_per_m"),
             _const(0.2),
             _const(3.0),
-            {},
+            {"joints": STIFF},
         ),
         (
             "lug_wear",
@@ -224,7 +225,7 @@ MECHANISM = tuple(
             _const(1.6e-3),
             {},
         ),
-        ("joint_stiffness", _joint_stiffness, _const(0.1), _const(1.5), {}),
+        ("joint_stiffness", _joint_stiffness, _const(0.1), _const(1.5), {"joints": STIFF}),
         (
             "thread_friction",
             _plain("joint_friction"),
