@@ -336,7 +336,7 @@ OUTSIDE = tuple(
     for row in (
         ("u_groove_dent", _dent, _const(1e-4), _const(8e-4), {}),
         ("u_unequal_lugs", _plain("u_lug_offset_rad"), _const(0.03), _const(0.5), {}),
-        ("u_worn_lug", _plain("u_lug_height_m"), _const(3e-4), _const(2e-3), {}),
+        ("u_worn_lug", _plain("u_lug_height_m"), _const(3e-4), _const(3e-3), {}),
         ("u_coil_bind", _bind, _const(5e3), _const(2e5), {}),
         ("u_housing_drag", _drag, _const(0.05), _const(1.5), {}),
         ("u_soft_grip", _arm, _const(1.0), _const(6.0), {}),
