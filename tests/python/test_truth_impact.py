@@ -1,5 +1,5 @@
-"""The generator's impact tool: with every effect off it agrees with the plant, energy does not grow,
-the step has converged, and the cases are what their labels say.
+"""The generator's impact tool: with every effect off it agrees with the plant, its energy does not
+grow, its step has converged, and the cases are what their labels say.
 """
 
 import json
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truth_helpers import TRUTH, Command
+from truth_helpers import TRUTH, Command, sealed
 from vgroove import _core as core
 from vgroove.rig import read_rig
 
@@ -18,6 +18,7 @@ if str(TRUTH) not in sys.path:
     sys.path.insert(0, str(TRUTH))
 
 import impact_plan  # noqa: E402
+import impact_sealed  # noqa: E402
 import make_impact_cases  # noqa: E402
 from impact import ImpactGenerator, ImpactRun, SlipTorque  # noqa: E402
 from impact_cases import ImpactSetting, effect_params, log_columns, simulate  # noqa: E402
@@ -234,3 +235,15 @@ def test_plan_has_every_effect_joint_and_regime_in_each_half() -> None:
         assert {e.joint for e in entries} == {"locked", "hard_joint", "disc_spring", "wood_screw"}
         assert all(e.joint in BY_ID[e.first].joints for e in entries if e.first)
     assert len(MECHANISM) == 9
+
+
+def test_sealed_tool_opens_by_its_commitment_and_differs_by_seed(tmp_path: Path) -> None:
+    kinds = {impact_sealed.draw_answer(seed)["label"] for seed in (1, 4, 10)}
+    assert kinds == {"effect", "none", "unlisted"}
+    drawn = impact_sealed.draw_sealed_impact(4, tmp_path)
+    answer = sealed.open_sealed(drawn.path, drawn.commitment)
+    assert answer == json.loads(json.dumps(impact_sealed.draw_answer(4)))
+    with pytest.raises(ValueError, match="committed"):
+        sealed.open_sealed(drawn.path, "0" * 64)
+    current = [drawn.tool.period(0, 1.0, 0.0)[0] for _ in range(60)]
+    assert max(current) > 10.0

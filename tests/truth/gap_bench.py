@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import impact_assess
 import impact_draw
 import numpy as np
 from bench_draw import Case, accepts, case_again, draw_case, ties_of
@@ -283,7 +284,7 @@ IMPACT = BlindSet(
     drawn_impact,
     answered_impact,
     impact_draw.write_case,
-    impact_draw.ties_of,
+    impact_assess.ties_of,
 )
 
 

@@ -67,7 +67,7 @@ struct ImpactParams {
            joint_cubic_per_rad2 = 0.0;
     double current_lag2_s = 0.0, current_gain_bend = 0.0;
     // start, tolerance of a step relative to its default, largest step, seed of the random numbers
-    double hammer_start_rad = -1.0, tolerance = 1.0, step_s = 5e-5, seed = 1.0;
+    double hammer_start_rad = -1.0, tolerance = 1.0, step_s = 1.5e-4, seed = 1.0;
 };
 
 // Address of a parameter by its name, or nullptr.

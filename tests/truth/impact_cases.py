@@ -107,3 +107,20 @@ def effect_params(setting: ImpactSetting, effect_id: str, size: float) -> dict[s
         return made
     rng = np.random.default_rng([setting.seed, 31, *effect_id.encode()])
     return other_form(effect_id, setting.tool, made, rng)
+
+
+class UnsuitableDraw(Exception):
+    """This draw makes no case; the next one is tried."""
+
+
+@dataclass(frozen=True)
+class ImpactCase:
+    """A drawn case: kind, setting, and the effects' sizes, multiples of the visible limit and
+    parameters.
+    """
+
+    kind: str
+    setting: ImpactSetting
+    sizes: dict[str, float]
+    multiples: dict[str, float]
+    params: dict[str, float]

@@ -3,6 +3,7 @@ effects of a joint and its roughness.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from impact import SlipTorque
@@ -18,8 +19,8 @@ PITCH_M, FLANK_M, HEAD_M = 2e-3, 14.701e-3, 20e-3
 FLAT_NM_PER_RAD = 700.0  # slope of the slip torque of springs that lie flat
 STRIP_RAD = np.pi / 2  # stripping wood loses half of the seat torque over this angle
 KNOT_EDGE = 0.15  # of the width of a knot: its flanks are smooth
-# Keys of an effect that belong to the joint's slip torque; the bends and the skew are those of forms
-# other than the catalogue's
+# Keys of an effect that belong to the joint's slip torque; the bends and the skew are those of
+# forms other than the catalogue's
 JOINT_KEYS = (
     "joint_friction",
     "joint_friction_bend",
@@ -101,9 +102,9 @@ def knot_nm(head: np.ndarray, effect: dict[str, float]) -> np.ndarray:
     return effect["knot_nm"] * skew * (0.5 - 0.5 * np.cos(np.pi * np.minimum(rise, fall)))
 
 
-def head_angles(rig: ImpactRig) -> np.ndarray:
+def head_angles(joint: str) -> np.ndarray:
     """Head angles (n,) of the table: both ways for screws, a turn backwards for hard joints."""
-    if rig.joint == "hard_joint":
+    if joint == "hard_joint":
         return np.arange(-TURN, 12.0 * TURN, STEP_RAD)
     return np.arange(-MOST_TURNS * TURN, MOST_TURNS * TURN, 4.0 * STEP_RAD)
 
@@ -112,7 +113,7 @@ def slip_torque(
     rig: ImpactRig, effect: dict[str, float], roughness: Roughness | None
 ) -> SlipTorque:
     """The slip torques of the joint with an effect (keys JOINT_KEYS) and roughness."""
-    head = head_angles(rig)
+    head = head_angles(rig.joint)
     scale = friction_scale(head, effect)
     if rig.joint == "hard_joint":
         gained = rig["load.slip_slope_nm_per_rad"] * np.maximum(head, 0.0)
@@ -126,9 +127,15 @@ def slip_torque(
         forward = scale * wood_nm(rig, rig["load.from_turns"] + head / TURN)
         forward = forward + (knot_nm(head, effect) if "knot_nm" in effect else 0.0)
         backward = rig["load.loosen_ratio"] * forward
-    rough = 1.0 + (rough_part(head, roughness) if roughness and not rig.locked else 0.0)
+    rough = 1.0 + (rough_table(rig.joint, roughness) if roughness and not rig.locked else 0.0)
     step = float(head[1] - head[0])
     return SlipTorque(forward * rough, backward * rough, float(head[0]), step)
+
+
+@lru_cache(maxsize=64)
+def rough_table(joint: str, roughness: Roughness) -> np.ndarray:
+    """The roughness at the head angles of the table of a kind of joint, (n,)."""
+    return rough_part(head_angles(joint), roughness)
 
 
 def rough_part(head: np.ndarray, roughness: Roughness) -> np.ndarray:

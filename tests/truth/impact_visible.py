@@ -5,9 +5,10 @@ The statistics of a log are means over stretches of about half a second at const
 rate, spread of the blow period, level and ripple of current, speed and supply, and the shapes of
 current and speed over the phase of a cycle; and current and speed in the first 60 ms. Their sigma
 is the standard deviation over runs of the effect-free tool with other start angles, roughness and
-noise, at least the repeatability of a tool that has been put down and taken up again (LEAST_*). The
-visibility of an effect, after a fit of the rig's tolerated keys, is the RMS of its mean change in sigma over the statistics of the
-group in which that is largest; the visible limit is the size at which it is 1.
+noise, at least the repeatability of a tool that has been put down and taken up again (LEAST_*).
+The visibility of an effect, after a fit of the rig's tolerated keys, is the RMS of its mean change
+in sigma over the statistics of the group in which that is largest; the visible limit is the size
+at which it is 1.
 """
 
 from collections.abc import Sequence
@@ -19,15 +20,15 @@ from impact_effects import BY_ID, LARGEST_REDUCTION
 from impact_profiles import holds
 from responses import fit
 
-SEEDS = 10  # runs of a comparison
+SEEDS, TOLERANCE_SEEDS = 10, 5  # runs of a comparison, and of one with a tolerated key changed
 CLIP = 10.0  # of a statistic, in sigma
 SETTLE_S, STRETCH_S = 0.12, 0.5  # left out after a change of duty; length of a stretch
 RUN_UP_S, RUN_UP_PARTS = 0.06, 4
 PHASES = 5  # of a cycle
 SURE = 2.0  # standard errors of a mean change that do not count
 LEAST_GROUP = 16  # statistics
-# Least sigma: of a level, of the bus voltage, of the spread of the period, of a ripple (relative, but
-# for the spread), of the gained angle, the retraction, the torque; of current in A, speed in rpm
+# Least sigma: of a level, of the bus voltage, of the spread of the period, of a ripple (relative,
+# but for the spread), of gained angle, retraction, torque; of current in A, of speed in rpm
 LEAST_LEVEL, LEAST_BUS, LEAST_SPREAD, LEAST_RIPPLE = 3e-3, 1e-3, 0.02, 0.03
 LEAST_BENCH = (5e-3, 0.01, 0.01, 0.02, 0.02)
 LEAST_RUN_UP = (0.1, 10.0)
@@ -149,22 +150,21 @@ def all_statistics(
 
 
 def reference_of(setting: ImpactSetting, count: int = SEEDS) -> Reference:
-    """The statistics of the effect-free tool over seeds that are not the case's."""
+    """The statistics of the effect-free tool over seeds that are not the case's, without the
+    tolerated keys.
+    """
     seeds = tuple(setting.seed + 7919 * (n + 1) for n in range(count))
     values = all_statistics(setting, seeds, {})
     least = least_sigma(setting, np.abs(values).mean(axis=0))
     sigma = np.maximum(values.std(axis=0, ddof=1), least)
-    tolerated, tool_sigmas = tolerance_columns(setting, seeds)
-    columns = tolerated.reshape(-1, len(sigma)).T / sigma[:, None]
-    return Reference(setting, seeds, values, sigma, columns, tool_sigmas)
+    return Reference(setting, seeds, values, sigma, np.zeros((len(sigma), 0)), np.zeros(0))
 
 
-def tolerance_columns(
-    setting: ImpactSetting, seeds: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """(changes (p, n) of the statistics by a sigma of each tolerated key, deviations (p,) of the
-    tool in sigma).
+def with_tolerance(reference: Reference) -> Reference:
+    """The reference with the responses to the rig's tolerated keys, over TOLERANCE_SEEDS of its
+    seeds.
     """
+    setting, seeds = reference.setting, reference.seeds[:TOLERANCE_SEEDS]
     columns, tool_sigmas = [], []
     for key, sigma in setting.rig.tolerance.items():
         half, value = 0.5 * sigma * setting.rig[key], setting.tool[key]
@@ -172,9 +172,10 @@ def tolerance_columns(
         for changed in (value + half, value - half):
             tool = replace(setting.tool, values=setting.tool.values | {key: changed})
             ends.append(all_statistics(replace(setting, tool=tool), seeds, {}).mean(axis=0))
-        columns.append(ends[0] - ends[1])
+        columns.append((ends[0] - ends[1]) / reference.sigma)
         tool_sigmas.append((value / setting.rig[key] - 1.0) / sigma)
-    return np.array(columns), np.array(tool_sigmas)
+    table = np.array(columns).reshape(len(columns), len(reference.sigma)).T
+    return replace(reference, tolerated=table, tool_sigmas=np.array(tool_sigmas))
 
 
 def least_sigma(setting: ImpactSetting, mean: np.ndarray) -> np.ndarray:
@@ -264,12 +265,14 @@ def largest(setting: ImpactSetting, effect_id: str, sign: float) -> float:
     return min(top, LARGEST_REDUCTION) if sign < 0.0 and top < 2.0 else top
 
 
-def visible_limit(reference: Reference, effect_id: str, sign: float = 1.0) -> float | None:
-    """The size (unsigned) at which the visibility is 1; None where no size up to the effect's top
-    is visible.
+def visible_limit(
+    reference: Reference, effect_id: str, sign: float = 1.0, start: float | None = None
+) -> float | None:
+    """The size (unsigned) at which the visibility is 1, searched from `start`; None where no size
+    up to the effect's top is visible.
     """
     effect, top = BY_ID[effect_id], largest(reference.setting, effect_id, sign)
-    size = min(effect.start_size(reference.setting.tool), top)
+    size = min(start or effect.start_size(reference.setting.tool), top)
     low, high = 0.0, np.inf
     for _ in range(VISIBLE_ATTEMPTS):
         found = visibility(reference, effect_params(reference.setting, effect_id, sign * size))

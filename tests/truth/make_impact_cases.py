@@ -10,7 +10,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from impact_cases import BENCH, ImpactSetting, effect_params, log_columns, simulate
+from impact_assess import assess
+from impact_cases import (
+    BENCH,
+    ImpactCase,
+    ImpactSetting,
+    UnsuitableDraw,
+    effect_params,
+    log_columns,
+    simulate,
+)
 from impact_effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
 from impact_joints import TURN
 from impact_profiles import NAMES, draw_impact
@@ -22,7 +31,7 @@ from impact_rigs import (
     tightened,
     without_same,
 )
-from impact_visible import Reference, largest, reference_of, visible_limit
+from impact_visible import Reference, largest, reference_of, visible_limit, with_tolerance
 
 FORMATS = {
     "time_s": "{:.6g}",
@@ -52,10 +61,6 @@ LEAST_TURNS = 1.0  # of a screw in its joint
 SLEWS = (None, None, 5.0, 10.0)  # per s, drawn
 
 
-class UnsuitableDraw(Exception):
-    """This draw makes no case; the next one is tried."""
-
-
 @dataclass(frozen=True)
 class ImpactOptions:
     """Options of a set of cases; `tool` and `joint` are the shares of cases with a tool and a joint
@@ -73,19 +78,6 @@ class ImpactOptions:
     tool: float
     joint: float
     bench: float
-
-
-@dataclass(frozen=True)
-class ImpactCase:
-    """A drawn case: kind, setting, and the effects' sizes, multiples of the visible limit and
-    parameters.
-    """
-
-    kind: str
-    setting: ImpactSetting
-    sizes: dict[str, float]
-    multiples: dict[str, float]
-    params: dict[str, float]
 
 
 def effects_of(
@@ -145,7 +137,9 @@ def draw_impact_case(kind: str, index: int, options: ImpactOptions, seed: int) -
         rng = np.random.default_rng([seed, index, attempt])
         ids = effects_of(kind, index, options, rng)
         try:
-            return attempt_case(kind, draw_setting(ids, options, rng), ids, options.sizes, rng)
+            case = attempt_case(kind, draw_setting(ids, options, rng), ids, options.sizes, rng)
+            assess(case)
+            return case
         except (UnsuitableDraw, ArithmeticError) as reason:
             reasons.append(str(reason))
     raise RuntimeError(f"no case of {kind} {index} in {ATTEMPTS} draws: {reasons[-3:]}")
@@ -161,9 +155,8 @@ def attempt_case(
     """The case of a setting; raises UnsuitableDraw."""
     check_run(setting, {})
     sizes, times, params = {}, {}, {}
-    reference = reference_of(setting) if ids else None
-    for effect_id in ids:
-        sizes[effect_id], times[effect_id] = draw_size(reference, effect_id, multiples, rng)
+    for effect_id, drawn in draw_sizes(setting, ids, multiples, rng).items():
+        sizes[effect_id], times[effect_id] = drawn
         params |= effect_params(setting, effect_id, sizes[effect_id])
     if ids:
         check_run(setting, params)
@@ -180,21 +173,38 @@ def check_run(setting: ImpactSetting, params: dict[str, float]) -> None:
         raise UnsuitableDraw("the joint comes loose")
 
 
-def draw_size(
-    reference: Reference,
-    effect_id: str,
-    multiples: tuple[float, float],
-    rng: np.random.Generator,
-) -> tuple[float, float]:
-    """(size with its sign, multiple of the visible limit), the multiple log-uniform."""
-    sign = float(rng.choice([-1.0, 1.0])) if BY_ID[effect_id].signed else 1.0
-    multiple = float(np.exp(rng.uniform(*np.log(multiples))))
-    limit = visible_limit(reference, effect_id, sign)
-    top = largest(reference.setting, effect_id, sign)
-    if limit is None or limit * multiples[0] > top:
+def draw_sizes(
+    setting: ImpactSetting, ids: list[str], multiples: tuple[float, float], rng: np.random.Generator
+) -> dict[str, tuple[float, float]]:
+    """(size with its sign, multiple of the visible limit) of each effect, the multiple log-uniform.
+
+    The limit is searched with the tolerated keys trusted first, which is quicker.
+    """
+    plain = reference_of(setting) if ids else None
+    near, signs = {}, {}
+    for effect_id in ids:
+        signs[effect_id] = float(rng.choice([-1.0, 1.0])) if BY_ID[effect_id].signed else 1.0
+        near[effect_id] = enough(plain, effect_id, signs[effect_id], multiples[0], None)
+    tolerant = with_tolerance(plain) if ids and setting.rig.tolerance else plain
+    out = {}
+    for effect_id in ids:
+        sign, limit = signs[effect_id], near[effect_id]
+        if tolerant is not plain:
+            limit = enough(tolerant, effect_id, sign, multiples[0], limit)
+        top = largest(setting, effect_id, sign)
+        multiple = min(float(np.exp(rng.uniform(*np.log(multiples)))), top / limit)
+        out[effect_id] = (sign * limit * multiple, multiple)
+    return out
+
+
+def enough(
+    reference: Reference, effect_id: str, sign: float, least: float, start: float | None
+) -> float:
+    """The visible limit; raises UnsuitableDraw where `least` times it is above the effect's top."""
+    limit = visible_limit(reference, effect_id, sign, start)
+    if limit is None or limit * least > largest(reference.setting, effect_id, sign):
         raise UnsuitableDraw(f"{effect_id} is hardly visible")
-    multiple = min(multiple, top / limit)
-    return sign * limit * multiple, multiple
+    return limit
 
 
 def write_log(path: Path, table: dict[str, np.ndarray]) -> None:
