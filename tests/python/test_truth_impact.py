@@ -18,8 +18,8 @@ if str(TRUTH) not in sys.path:
     sys.path.insert(0, str(TRUTH))
 
 import impact_plan  # noqa: E402
-import impact_sealed  # noqa: E402
 import make_impact_cases  # noqa: E402
+import sealed_impact  # noqa: E402
 from impact import ImpactGenerator, ImpactRun, SlipTorque  # noqa: E402
 from impact_cases import ImpactSetting, effect_params, log_columns, simulate  # noqa: E402
 from impact_effects import BY_ID, CATALOGUE, MECHANISM, OUTSIDE_IDS  # noqa: E402
@@ -238,11 +238,11 @@ def test_plan_has_every_effect_joint_and_regime_in_each_half() -> None:
 
 
 def test_sealed_tool_opens_by_its_commitment_and_differs_by_seed(tmp_path: Path) -> None:
-    kinds = {impact_sealed.draw_answer(seed)["label"] for seed in (1, 4, 10)}
+    kinds = {sealed_impact.draw_impact_answer(seed)["label"] for seed in (1, 4, 10)}
     assert kinds == {"effect", "none", "unlisted"}
-    drawn = impact_sealed.draw_sealed_impact(4, tmp_path)
+    drawn = sealed_impact.draw_sealed_impact(4, tmp_path)
     answer = sealed.open_sealed(drawn.path, drawn.commitment)
-    assert answer == json.loads(json.dumps(impact_sealed.draw_answer(4)))
+    assert answer == json.loads(json.dumps(sealed_impact.draw_impact_answer(4)))
     with pytest.raises(ValueError, match="committed"):
         sealed.open_sealed(drawn.path, "0" * 64)
     current = [drawn.tool.period(0, 1.0, 0.0)[0] for _ in range(60)]

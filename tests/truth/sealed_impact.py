@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from impact import ImpactTruthTool
-from impact_cases import ImpactSetting, effect_params, hidden_state, split
-from impact_effects import BY_ID, OUTSIDE_IDS, accepted
+from impact_cases import ImpactSetting, effect_params, hidden_state
+from impact_effects import BY_ID, OUTSIDE_IDS, accepted, split
 from impact_joints import slip_torque
 from impact_rigs import impact_params, reference_rig
-from impact_visible import reference_of, visible_limit
+from impact_visible import largest, reference_of, visible_limit
 from profiles import Profile
 from sealed import BOARD, TOOL_NOISE, Sealed, write_sealed
 
@@ -68,7 +68,7 @@ def draw_impact_answer(seed: int) -> dict[str, object]:
         sign = float(rng.choice([-1.0, 1.0])) if BY_ID[effect_id].signed else 1.0
         multiple = float(np.exp(rng.uniform(*np.log(SIZES))))
         limit = visible_limit(reference_of(setting), effect_id, sign)
-        if limit is not None and limit * multiple <= BY_ID[effect_id].top(setting.rig):
+        if limit is not None and limit * multiple <= largest(setting, effect_id, sign):
             return _answer(setting, effect_id, sign * limit * multiple, multiple)
     raise RuntimeError(f"seed {seed}: no visible effect in 20 draws")
 
