@@ -37,7 +37,7 @@ gap_app = typer.Typer(
 )
 app.add_typer(gap_app, name="gap")
 log_app = typer.Typer(
-    no_args_is_help=True, help="Logs: what one holds, and whether it can be used."
+    no_args_is_help=True, help="Logs: what one holds, whether it can be used, how two differ."
 )
 app.add_typer(log_app, name="log")
 FromS = Annotated[
@@ -442,7 +442,7 @@ def rig_new(
 
 @log_app.callback()
 def log_commands() -> None:
-    """Logs: what one holds, and whether it can be used."""
+    """Logs: what one holds, whether it can be used, how two differ."""
 
 
 @log_app.command("check")
@@ -468,6 +468,36 @@ def log_check(
 
     _check_outputs(json_path, inputs=[path, *([rig] if rig else [])])
     check_file(read_log(path, _columns(maps, map_file)), rig, json_path, as_is)
+
+
+@log_app.command("compare")
+def log_compare(
+    path_a: Annotated[Path, typer.Argument(metavar="A", help="First log.")],
+    path_b: Annotated[Path, typer.Argument(metavar="B", help="Log compared with it.")],
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write all figures as JSON.")
+    ] = None,
+    html_path: Annotated[
+        Path | None, typer.Option("--html", help="Write one self-contained page.")
+    ] = None,
+    require: Annotated[
+        str | None,
+        typer.Option(help="equal or explained: exit code 3 where the logs differ more than that."),
+    ] = None,
+    max_shift_s: Annotated[
+        float, typer.Option("--max-shift", metavar="S", help="Largest time offset searched, in s.")
+    ] = 0.1,
+    maps: Maps = None,
+    map_file: MapFile = None,
+) -> None:
+    """Compare two logs: first difference by column and time, gap of each column, and whether
+    resolution or timing explains it.
+    """
+    from vgroove.log_compare.command import compare_files
+
+    _check_outputs(json_path, html_path, inputs=[path_a, path_b])
+    columns = _columns(maps, map_file)
+    compare_files((path_a, path_b), columns, (json_path, html_path), require, max_shift_s)
 
 
 @gap_app.command("diagnose")
