@@ -165,6 +165,11 @@ bool Bench::period(const SimInputs &inputs, SimOutputs &outputs) {
     return true;
 }
 
+void Bench::receive(std::uint8_t byte) {
+    received_at_ = (received_at_ < end_ ? end_ : received_at_) + serial_.byte_cycles();
+    serial_.arrive(received_at_, byte);
+}
+
 void Bench::save_eeprom() const {
     if (options_.eeprom.empty()) {
         return;

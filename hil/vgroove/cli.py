@@ -275,6 +275,44 @@ def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:
 
 
 @app.command()
+def hil(
+    scenario_path: Annotated[
+        Path, typer.Argument(metavar="SCENARIO", help="TOML file: tool, trigger, load, duration.")
+    ],
+    port: Annotated[
+        str | None, typer.Option(help="Serial port of the board: /dev/ttyACM0, COM3, a pty.")
+    ] = None,
+    bus: Annotated[
+        str | None,
+        typer.Option(help="Instead: INTERFACE:CHANNEL of python-can, such as socketcan:can0."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")
+    ] = None,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures of the exchange as JSON.")
+    ] = None,
+    timing: Annotated[
+        Path | None, typer.Option(help="Write the times of every exchange as CSV.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
+    baud: Annotated[int, typer.Option(help="Baud rate of --port.")] = 1_000_000,
+) -> None:
+    """Hardware in the loop: simulate the scenario's tool in real time against a board that runs the
+    build for real-time runs (docs/hil.md).
+    """
+    from dataclasses import replace
+
+    from vgroove.real_time.command import HilOptions, run_hil
+    from vgroove.scenario import read_scenario
+
+    scenario = read_scenario(scenario_path)
+    scenario = scenario if seed is None else replace(scenario, seed=seed)
+    options = HilOptions(port, bus, baud, output, json_path, timing)
+    run_hil(scenario, options, Console(stderr=True))
+
+
+@app.command()
 def flash(
     port: Annotated[str, typer.Argument(help="Serial port of the board: /dev/ttyACM0, COM3.")],
     target: Annotated[str, typer.Option(help="Board: uno or mega.")] = "uno",
