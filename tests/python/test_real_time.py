@@ -366,8 +366,8 @@ def test_a_silent_line_is_named(tmp_path: Path) -> None:
 
 
 def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path) -> None:
-    scenario = short(tmp_path, 5.0)
-    with PacedBoard(hil_elf()) as board:
+    scenario = short(tmp_path, 60.0)
+    with PacedBoard(hil_elf(), 1.0) as board:
         command = [
             *VGROOVE,
             "hil",
@@ -378,7 +378,7 @@ def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path
             str(tmp_path / "hil.csv"),
         ]
         host = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        time.sleep(4.0)
+        time.sleep(6.0)
         board.stop()
         _, errors = host.communicate(timeout=30)
     assert host.returncode == 2

@@ -73,7 +73,7 @@ static uint32_t word(const uint8_t *bytes) {
 
 static void put_word(uint8_t *bytes, uint32_t value) {
     for (uint8_t k = 0; k < sizeof value; k++) {
-        bytes[k] = (uint8_t)(value >> (8u * k));
+        bytes[k] = (uint8_t)(value >> (uint8_t)(8u * k));
     }
 }
 
