@@ -21,6 +21,7 @@ option(VGROOVE_INJECT "sensor counts and bridge commands over the serial line" O
 
 set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections
   -fno-fat-lto-objects -mrelax -mstrict-X -fno-move-loop-invariants)
+set(VGROOVE_AVR_FLAGS ${avr_flags} PARENT_SCOPE)
 
 # Sorted as PlatformIO does: the order of the objects changes the code of a link-time optimisation.
 set(target_sources ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c
@@ -70,7 +71,7 @@ add_custom_command(TARGET vgroove POST_BUILD
 set(vectors_dir ${PROJECT_SOURCE_DIR}/tests/vectors)
 if(EXISTS ${vectors_dir}/vectors.c)
   add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c
-    core/divide.c core/fixed.c core/ring.c core/slew.c
+    controllers/foldback.c core/divide.c core/fixed.c core/ring.c core/slew.c
     drivers/analog.c drivers/current_sense.c drivers/h_bridge.c drivers/hall_spacing.c
     drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
   target_include_directories(vectors PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${vectors_dir})

@@ -60,6 +60,18 @@ nb::list reported_blows(const Firmware &self) {
     return reported;
 }
 
+nb::bytes eeprom_image(const Firmware &self) {
+    need_owner(self);
+    return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
+}
+
+nb::bytes recorded_ticks(const Firmware &self) {
+    need_owner(self);
+    const SimTick *ticks = nullptr;
+    const std::size_t count = sim_ticks(&ticks);
+    return as_bytes(ticks, count * sizeof(SimTick));
+}
+
 // A byte string of a fixed size from an object that is bytes or None; false for None.
 bool take_image(const nb::object &object, std::size_t size, const char *what, std::string &image) {
     if (object.is_none())
@@ -174,15 +186,14 @@ void bind_firmware(nb::module_ &module) {
             "tx",
             [](const Firmware &self) { return as_bytes(self.outputs.tx, self.outputs.tx_count); },
             "bytes sent in the last period")
-        .def_prop_ro("eeprom",
-                     [](const Firmware &self) {
-                         need_owner(self);
-                         return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
-                     })
+        .def_prop_ro("eeprom", &eeprom_image)
         .def_prop_ro(
             "blows", &reported_blows,
             "Blows that the firmware has reported since its start: (time_s, lugs, repeats of "
             "each lug, period_s, running period_s before it, its spread)")
+        .def_prop_ro("ticks", &recorded_ticks,
+                     "What filters and controller have taken and given in each tick: SimTick of "
+                     "firmware/hal/sim/sim.h, one after the other")
         .def_prop_ro("periods",
                      [](const Firmware &self) {
                          need_owner(self);

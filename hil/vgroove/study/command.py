@@ -217,3 +217,27 @@ def impact_command(
     title = "the rig's own joint" if joint == "rig" else REFERENCE_JOINTS[joint].title
     files = prepare_files("impact", folder, json_path, png)
     finish(impact_study(tool, title, seconds, duty), files)
+
+
+@app.command("fixed-point")
+def fixed_point_command(
+    draws: Annotated[int, typer.Option(min=0, max=200, help="Drawn runs of each controller.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the drawn runs.")] = 1,
+    repeats: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Repetitions for the time on this computer.")
+    ] = 100,
+    folder: Folder = Path("study"),
+    json_path: JsonPath = None,
+    png: Png = False,
+) -> None:
+    """Filters and controllers with fixed point against floating point of the same source: errors,
+    state changes, time here, cycles on the simulated AVR.
+    """
+    from vgroove.progress import step_bar
+    from vgroove.report import prepare_files
+    from vgroove.study.fixed_point import fixed_point_study, study_ticks
+
+    files = prepare_files("fixed_point", folder, json_path, png)
+    with step_bar(study_ticks(draws)) as tick:
+        report = fixed_point_study(draws, seed, repeats, tick)
+    finish(report, files)
