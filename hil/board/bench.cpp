@@ -129,6 +129,11 @@ void Bench::feed(const SimInputs &inputs) {
 }
 
 void Bench::run_to(Cycle end) {
+    if (options_.hang < end) {
+        machine_.run_until(options_.hang);
+        options_.hang = NEVER;
+        machine_.hang();
+    }
     if (options_.brown_out < end) {
         machine_.run_until(options_.brown_out);
         options_.brown_out = NEVER;

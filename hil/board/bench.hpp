@@ -22,8 +22,9 @@ struct Options {
     std::string stats;
     std::string profile;           // cycles by address, for tests/avr/hot_spots.py
     std::uint8_t reset_cause = 1;  // MCUSR: power-on
-    int boot_r2 = -1;   // from 0 on: a boot loader has cleared MCUSR and left this value in r2
-    Cycle cut = NEVER;  // power fails at this cycle: the run ends, a byte being written is random
+    int boot_r2 = -1;    // from 0 on: a boot loader has cleared MCUSR and left this value in r2
+    Cycle cut = NEVER;   // power fails at this cycle: the run ends, a byte being written is random
+    Cycle hang = NEVER;  // the main program enters an endless loop at this cycle
     Cycle brown_out = NEVER;  // brown-out reset at this cycle
     Cycle least_dead = 2;
     std::uint32_t seed = 1;

@@ -22,12 +22,14 @@ constexpr int EXIT_BOARD = 3;
 constexpr const char *USAGE =
     "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom "
     "FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
-    "                     [--cut CYCLE] [--brown-out CYCLE] "
+    "                     [--cut CYCLE] [--brown-out CYCLE] [--hang CYCLE] "
     "[--least-dead CYCLES] [--profile FILE] [--seed N]\n"
     "                     [--boot-r2 VALUE] [--pty] [--pace FACTOR]\n"
     "Reads one SimInputs a PWM period on stdin, answers one SimOutputs "
     "on stdout (firmware/hal/sim/sim_io.h),\nuntil stdin ends. --cut: the power fails at "
-    "this cycle; --brown-out: reset at this cycle.\n"
+    "this cycle; --brown-out: reset at this cycle;\n--hang: the main program enters an endless "
+    "loop "
+    "at this cycle, interrupts go on.\n"
     "--pty: instead of that, at the pace of the wall clock, with the UART on a pseudo-terminal, "
     "whose name is\nprinted on stdout, until SIGTERM.\n"
     "--boot-r2: a boot loader has cleared MCUSR and left this value in register r2.\n";
@@ -77,6 +79,8 @@ void set_option(board::Options &options, const std::string &name, const std::str
         options.cut = cycles(name, value);
     } else if (name == "--brown-out") {
         options.brown_out = cycles(name, value);
+    } else if (name == "--hang") {
+        options.hang = cycles(name, value);
     } else if (name == "--least-dead") {
         options.least_dead = cycles(name, value);
     } else if (name == "--pace") {

@@ -194,11 +194,18 @@ def record(
         float | None, typer.Option(help="Board time to record; without: until Ctrl-C.")
     ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of the line.")] = 250_000,
+    without_boot: Annotated[
+        bool,
+        typer.Option(
+            "--without-boot",
+            help="Begin with the first frame: for a line without a wire to the board.",
+        ),
+    ] = False,
 ) -> None:
     """Record the board's telemetry; Ctrl-C ends it with a complete file."""
     from vgroove.record_command import record_with_progress
 
-    record_with_progress(port, output, seconds, baud)
+    record_with_progress(port, output, seconds, baud, without_boot)
 
 
 @app.command()
@@ -236,6 +243,10 @@ def run(
     eeprom: Annotated[
         Path | None, typer.Option(help="EEPROM image, read before the run and written after.")
     ] = None,
+    fault: Annotated[
+        str | None,
+        typer.Option(metavar="NAME@T", help="Inject a fault at the time T in s (docs/faults.md)."),
+    ] = None,
     experiment: ExperimentName = None,
     next_path: NextPath = None,
     rig: CheckRig = None,
@@ -245,9 +256,11 @@ def run(
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
     menu on a board (--on PORT).
     """
+    from vgroove.faults import parse_injection
     from vgroove.run import RunOptions
 
-    options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
+    injection = parse_injection(fault) if fault else None
+    options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom, injection)
     if scenario_path is None and on not in ("sil", "avr"):
         from vgroove.board_checks import BoardChecks
         from vgroove.board_run import chosen_profile, run_on_board

@@ -225,7 +225,8 @@ void inject_decode(void) {
 
 static uint16_t sample(const InjectInputs *in, uint8_t index) {
     const uint8_t bit = (uint8_t)(10u * index);
-    return (uint16_t)((half(&in->packed[bit / 8u]) >> (bit % 8u)) & 0x3FFu);
+    const uint16_t shifted = (uint16_t)(half(&in->packed[bit / 8u]) >> (bit % 8u));
+    return shifted & 0x3FFu;
 }
 
 static void give_command(App *app, uint32_t tick) {

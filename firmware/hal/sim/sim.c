@@ -408,6 +408,7 @@ void sim_reset(const SimStart *start, SimOutputs *outputs) {
     sim.main_at = NEVER;
     sim.sent_at = NEVER;
     app_init(&sim.app, VGROOVE_BUILD_HASH);
+    sim.app.report.now_ms = start->start_ms;
     sim.channel = adc_sequence_channel(0);
     latch_bridge();
     *outputs = sim.out;

@@ -28,6 +28,7 @@ typedef struct {
     uint16_t isr_cycles;        // from interrupt to its code, at most 300
     uint16_t tick_cycles;       // from tick to the start of app_tick, 260 .. 8,000
     const uint8_t *torque_map;  // SIM_TORQUE_MAP_BYTES, NULL: the one in the source
+    uint32_t start_ms;          // the telemetry's time at the start
 } SimStart;
 
 // Default latencies. An ADC result comes 54 cycles before the end of a period; with an interrupt
@@ -35,7 +36,7 @@ typedef struct {
 #define SIM_ISR_CYCLES 80u
 #define SIM_TICK_CYCLES 400u
 #define SIM_START_DEFAULT                                                                          \
-    { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, SIM_ISR_CYCLES, SIM_TICK_CYCLES, 0 }
+    { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, SIM_ISR_CYCLES, SIM_TICK_CYCLES, 0, 0 }
 
 // Period 0 begins at the first TOP after the start of the timers; `outputs` apply to it.
 void sim_reset(const SimStart *start, SimOutputs *outputs);
