@@ -85,6 +85,10 @@ NextPath = Annotated[
         "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
     ),
 ]
+FaultAt = Annotated[
+    str | None,
+    typer.Option(metavar="NAME@T", help="Inject a fault at the time T in s (docs/faults.md)."),
+]
 CheckRig = Annotated[
     Path | None, typer.Option("--rig", help="On a board: the rig with which logs are checked.")
 ]
@@ -243,10 +247,7 @@ def run(
     eeprom: Annotated[
         Path | None, typer.Option(help="EEPROM image, read before the run and written after.")
     ] = None,
-    fault: Annotated[
-        str | None,
-        typer.Option(metavar="NAME@T", help="Inject a fault at the time T in s (docs/faults.md)."),
-    ] = None,
+    fault: FaultAt = None,
     experiment: ExperimentName = None,
     next_path: NextPath = None,
     rig: CheckRig = None,
