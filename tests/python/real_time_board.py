@@ -2,57 +2,31 @@
 what they carry, for the tests of real-time runs.
 """
 
-import subprocess
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import can
 
-from vgroove.board import find_board_program
-from vgroove.real_time import SerialLink
+from vgroove.real_time import SerialLink, simulated_board
 from vgroove.real_time.link import KNOWN_IDS
+from vgroove.real_time.simulated_board import real_time_elf
 from vgroove.telemetry import Frame
 
 ROOT = Path(__file__).resolve().parents[2]
 # Seconds of the board in one of the wall clock: on a busy machine the kernel delays the bytes of a
 # pseudo-terminal by more than the 5 ms after which the board opens the bridge.
-PACE = 0.1
+PACE = 0.05
 
 
-def hil_elf(tool: str = "impact") -> Path:
-    """The ELF for real-time runs that `make build` makes."""
-    folder = "avr-uno-drill-hil" if tool == "drill" else "avr-uno-hil"
-    path = ROOT / "build" / folder / "vgroove.elf"
-    assert path.is_file(), f"{path} does not exist: run `make build`"
-    return path
+hil_elf = real_time_elf
 
 
-class PacedBoard:
-    """A vgroove-board process at the pace of the wall clock; a context manager. `port` is the
-    device of its UART.
-    """
+class PacedBoard(simulated_board.PacedBoard):
+    """A simulated board at PACE."""
 
     def __init__(self, elf: Path, pace: float = PACE, *options: str) -> None:
-        command = [str(find_board_program()), str(elf), "--pty", "--pace", str(pace), *options]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self._process.stdout is not None
-        self.port = self._process.stdout.readline().strip()
-        assert self.port.startswith("/dev/"), f"no pseudo-terminal: {self.port!r}"
-
-    def __enter__(self) -> "PacedBoard":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-    def stop(self) -> int:
-        """End the process; returns its exit code."""
-        self._process.terminate()
-        code = self._process.wait(timeout=20)
-        if self._process.stdout is not None:
-            self._process.stdout.close()
-        return code
+        super().__init__(elf, pace, *options)
 
 
 class ChangedLink:

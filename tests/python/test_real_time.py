@@ -16,7 +16,7 @@ import cantools
 import numpy as np
 import pytest
 
-from real_time_board import ROOT, BusGateway, ChangedLink, PacedBoard, hil_elf
+from real_time_board import PACE, ROOT, BusGateway, ChangedLink, PacedBoard, hil_elf
 from vgroove import lockstep, telemetry
 from vgroove.board import default_elf
 from vgroove.errors import VgrooveError
@@ -96,7 +96,7 @@ def assert_equal_to_lockstep(run: RealTimeRun, scenario: Scenario) -> None:
 
 @pytest.mark.parametrize(
     ("name", "seconds"),
-    [("impact_hard_joint", 0.8), ("drill_kickback", 0.7), ("stress", 0.8)],
+    [("impact_hard_joint", 0.55), ("drill_kickback", 0.5), ("stress", 0.65)],
 )
 def test_a_run_has_the_frames_of_lock_step(name: str, seconds: float) -> None:
     scenario = scenario_of(name, seconds)
@@ -107,7 +107,7 @@ def test_a_run_has_the_frames_of_lock_step(name: str, seconds: float) -> None:
 
 
 def test_a_second_run_begins_with_a_fresh_board() -> None:
-    scenario = scenario_of("impact_hard_joint", 0.5)
+    scenario = scenario_of("impact_hard_joint", 0.36)
     with PacedBoard(hil_elf()) as board:
         for _ in range(2):
             run = run_in_time(lambda: run_by_port(board.port, scenario))
@@ -115,7 +115,7 @@ def test_a_second_run_begins_with_a_fresh_board() -> None:
 
 
 def test_damaged_and_lost_frames_change_nothing() -> None:
-    scenario = scenario_of("impact_hard_joint", 0.5)
+    scenario = scenario_of("impact_hard_joint", 0.42)
     rng = random.Random(3)
 
     def damage(frames: list[Frame]) -> list[Frame]:
@@ -140,11 +140,11 @@ def test_damaged_and_lost_frames_change_nothing() -> None:
 
 
 def test_a_late_host_changes_nothing_and_is_named() -> None:
-    scenario = scenario_of("impact_hard_joint", 0.5)
+    scenario = scenario_of("impact_hard_joint", 0.42)
 
     def late(frames: list[Frame]) -> list[Frame]:
         if frames and frames[0].time_ms in (100, 400):
-            time.sleep(0.03)  # 3 ms of a board at a tenth of the wall clock
+            time.sleep(0.06)  # 3 ms of a board at a twentieth of the wall clock
         return frames
 
     with PacedBoard(hil_elf()) as board:
@@ -171,29 +171,30 @@ def test_the_board_opens_the_bridge_5_ms_after_the_last_inputs() -> None:
     with PacedBoard(hil_elf()) as board:
         link = SerialLink(board.port)
         run = run_in_time(lambda: run_on(link, scenario))
-        silent = answers(link, 0.5)
+        silent = answers(link, 1.0)
         link.close()
     assert not run.safe_ticks
     *driven, safe = silent[: next(k for k, d in enumerate(silent) if d.safe) + 1]
-    assert not driven[-1].coast and driven[-1].compare > 0
-    assert safe.coast and safe.tick == driven[-1].tick
-    waited_ms = (safe.clock_tick - driven[-1].clock_tick) % 256
+    last = max(driven, key=lambda drive: drive.tick)  # an answer may have been repeated after it
+    assert not last.coast and last.compare > 0
+    assert safe.coast and safe.tick == last.tick
+    waited_ms = (safe.clock_tick - last.clock_tick) % 256
     assert waited_ms == 5
 
 
 def test_a_host_that_is_too_late_is_told_and_the_fault_is_in_the_log(tmp_path: Path) -> None:
-    scenario = scenario_of("impact_hard_joint", 0.8)
+    scenario = scenario_of("impact_hard_joint", 0.62)
 
     def late(frames: list[Frame]) -> list[Frame]:
         if frames and frames[0].time_ms == 450:
-            time.sleep(0.12)  # 12 ms of the board
+            time.sleep(0.3)  # 15 ms of the board
         return frames
 
     with PacedBoard(hil_elf()) as board:
         link = ChangedLink(SerialLink(board.port), to_board=late)
         run = run_on(link, scenario)
         link.close()
-    assert run.safe_ticks and abs(run.safe_ticks[0] - 449) <= 2
+    assert any(abs(tick - 449) <= 2 for tick in run.safe_ticks)
     states = [
         telemetry.decode(f)
         for f in telemetry.Framer().feed(bytes(run.telemetry))
@@ -202,12 +203,12 @@ def test_a_host_that_is_too_late_is_told_and_the_fault_is_in_the_log(tmp_path: P
     overrun = next(k for k, v in telemetry.value_table("STATE", "faults").items() if v == "overrun")
     assert any(int(state["faults"]) & overrun for state in states)
     log = log_from_stream(bytes(run.telemetry), "hil")
-    after = log.time_s > run.safe_ticks[0] / 1000 + 0.01
-    assert (log["coast"][after] == 1).all() and after.sum() > 200
+    after = log.time_s > 0.46
+    assert (log["coast"][after] == 1).all() and after.sum() > 100
 
 
 def test_a_bus_of_python_can_carries_a_run() -> None:
-    scenario = scenario_of("impact_hard_joint", 0.5)
+    scenario = scenario_of("impact_hard_joint", 0.4)
     with (
         PacedBoard(hil_elf()) as board,
         can.Bus(interface="virtual", channel="hil") as bus,
@@ -315,6 +316,15 @@ def vgroove(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
+def command_in_time(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """As run_in_time, for the command."""
+    for _ in range(3):
+        done = vgroove(*arguments)
+        if done.returncode == 0 or "the host was late" not in done.stderr:
+            break
+    return done
+
+
 def short(folder: Path, seconds: float) -> Path:
     path = folder / "short.toml"
     text = (ROOT / "scenarios/impact_hard_joint.toml").read_text()
@@ -326,7 +336,7 @@ def short(folder: Path, seconds: float) -> Path:
 def test_the_command_writes_log_figures_and_times(tmp_path: Path) -> None:
     scenario = short(tmp_path, 0.5)
     with PacedBoard(hil_elf()) as board:
-        done = vgroove(
+        done = command_in_time(
             "hil",
             scenario,
             "--port",
@@ -388,3 +398,21 @@ def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path
 
 def test_the_start_frame_is_one_of_sense_a() -> None:
     assert frame_bytes(frame_of(0, SENSE_A, bytes(7)))[6] == 128
+
+
+def test_the_study_compares_real_time_with_lock_step(tmp_path: Path) -> None:
+    done = vgroove(
+        "study", "hil", "--tool", "drill", "--pace", PACE, "--seconds", "0.6", "-o", tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / "hil.json").read_text())["rows"]
+    assert [row["run"] for row in rows] == ["drill, load of 6 N m", "drill, kickback"]
+    for row in rows:
+        assert row["ticks"] == 600 and row["latency"] == 2 and row["damaged"] == 0
+        assert row["equal_rows"] == row["rows"] > 590 or row["safe"], row
+    assert "kickback" in (tmp_path / "hil.html").read_text()
+
+
+def test_a_port_needs_one_tool(tmp_path: Path) -> None:
+    done = vgroove("study", "hil", "--port", "/dev/ttyX", "-o", tmp_path)
+    assert done.returncode == 2 and "--tool is impact or drill" in done.stderr

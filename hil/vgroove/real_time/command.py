@@ -38,7 +38,7 @@ TIMING_HEADER = (
 )
 ROWS = (
     ("period of the exchange in ms", "period_s", 1e3),
-    ("jitter: its distance from 1 ms, in ms", "jitter_s", 1e3),
+    ("jitter: its distance from its median, in ms", "jitter_s", 1e3),
     ("execution time of the tool's step in ms", "step_s", 1e3),
     ("from command to answer in ticks", "latency_ticks", 1.0),
 )

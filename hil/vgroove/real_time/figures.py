@@ -68,7 +68,7 @@ def timing_figures(run: RealTimeRun) -> dict[str, Any]:
     return {
         "exchanges": len(exchanges),
         "period_s": quantiles(period),
-        "jitter_s": quantiles(np.abs(period - TICK_S)),
+        "jitter_s": quantiles(np.abs(period - np.median(period))),
         "step_s": quantiles(np.array([e.step_s for e in exchanges])),
         "latency_ticks": quantiles(latency),
         "held_ticks": int(held.sum()),
