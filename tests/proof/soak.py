@@ -1,6 +1,6 @@
 """Long runs of the ELF on the simulated AVR against the native firmware, in pieces of a minute:
 random triggers, modes, commands and faults of sensors; part of the pieces with the telemetry's
-time near 2^32. soak.py [--hours H] [--jobs N]; pieces that are done are kept in build/soak.
+time near 2^32. soak.py [--hours H] [--jobs N]; pieces that are done are kept for the commit.
 """
 
 import argparse
@@ -258,14 +258,15 @@ def main() -> int:
     parser.add_argument("--hours", type=float, default=HOURS)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--piece", type=int)
-    parser.add_argument("--folder", type=Path, default=ROOT / "build" / "soak")
+    parser.add_argument("--folder", type=Path, help="Of the pieces; build/soak/COMMIT if absent.")
     options = parser.parse_args()
-    if options.piece is not None:
-        sys.stdout.write(json.dumps(piece(options.piece, options.folder)) + "\n")
-        return 0
-    from proof import kept
+    from proof import commit, kept
 
-    found = soak(options.hours, options.folder, options.jobs, kept)
+    folder = options.folder or ROOT / "build" / "soak" / commit()
+    if options.piece is not None:
+        sys.stdout.write(json.dumps(piece(options.piece, folder)) + "\n")
+        return 0
+    found = soak(options.hours, folder, options.jobs, kept)
     sys.stdout.write(json.dumps(found, indent=1) + "\n")
     return int(bool(found["findings"]))
 
