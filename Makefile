@@ -54,6 +54,8 @@ build: setup ## build host, the AVR builds and the bindings
 	$(call cmake_build,avr-uno)
 	$(call cmake_build,avr-uno-drill)
 	$(call cmake_build,avr-mega)
+	$(call cmake_build,avr-uno-hil,vgroove)
+	$(call cmake_build,avr-uno-drill-hil,vgroove)
 
 demo: setup ## ELF on a simulated ATmega, a tool with a sealed effect, diagnosis: make demo SEED=n TOOL=drive|impact
 	$(call cmake_build,avr-uno,vgroove)

@@ -15,12 +15,21 @@ if(tool_index EQUAL -1)
 endif()
 math(EXPR tool_number "${tool_index} + 1")
 
+# The build for real-time runs against a host that simulates the tool (docs/hil.md): sensors and
+# gates are exchanged over the serial line, everything above hal.h is the same.
+option(VGROOVE_INJECT "sensor counts and bridge commands over the serial line" OFF)
+
 set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections
   -fno-fat-lto-objects -mrelax -mstrict-X -fno-move-loop-invariants)
+set(VGROOVE_AVR_FLAGS ${avr_flags} PARENT_SCOPE)
 
 # Sorted as PlatformIO does: the order of the objects changes the code of a link-time optimisation.
 set(target_sources ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c
-  hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
+  hal/avr/main.c hal/avr/runtime.c hal/avr/serial.c hal/avr/start.c)
+if(VGROOVE_INJECT)
+  set(target_sources ${firmware_sources} hal/avr/eeprom.c hal/avr/runtime.c hal/avr/start.c
+    hal/inject/avr_main.c hal/inject/inject.c)
+endif()
 list(SORT target_sources)
 add_executable(vgroove ${target_sources})
 # Code of interrupts is compiled for speed, the rest for size, rarely executed code in addition with
@@ -46,6 +55,9 @@ if(VGROOVE_MCU STREQUAL "atmega2560")
 else()
   set(flash_limit 28672)
 endif()
+if(VGROOVE_INJECT AND VGROOVE_MCU STREQUAL "atmega328p")
+  set(flash_limit 30720)  # no reserve: it is flashed for runs on the bench alone
+endif()
 set(VGROOVE_FLASH_LIMIT ${flash_limit} CACHE STRING "greatest number of flash bytes")
 add_custom_command(TARGET vgroove POST_BUILD
   COMMAND ${CMAKE_COMMAND} -DELF=$<TARGET_FILE:vgroove> -DTOOL=${VGROOVE_TOOL}
@@ -59,7 +71,7 @@ add_custom_command(TARGET vgroove POST_BUILD
 set(vectors_dir ${PROJECT_SOURCE_DIR}/tests/vectors)
 if(EXISTS ${vectors_dir}/vectors.c)
   add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c
-    core/divide.c core/fixed.c core/ring.c core/slew.c
+    controllers/foldback.c core/divide.c core/fixed.c core/ring.c core/slew.c
     drivers/analog.c drivers/current_sense.c drivers/h_bridge.c drivers/hall_spacing.c
     drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
   target_include_directories(vectors PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${vectors_dir})

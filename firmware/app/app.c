@@ -10,11 +10,15 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
+#ifndef APP_START_MS
+#define APP_START_MS 0u  // the telemetry's time at the start; a test sets it near 2^32
+#endif
 #define FULL_TICKS_MAX 30u  // most ticks in a row without slow work because of edges
 
 void app_init(App *self, uint32_t build_hash) {
-    *self =
-        (App){.duty_limit_q15 = INT16_MAX, .calibration = TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET};
+    *self = (App){.duty_limit_q15 = INT16_MAX,
+                  .calibration = TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET,
+                  .report = {.now_ms = APP_START_MS}};
     param_load(&self->params);
     adc_sequence_init(&self->adc);
     current_sense_init(&self->current, self->params.value[PARAM_CURRENT_GAIN_A_Q15],

@@ -60,6 +60,26 @@ nb::list reported_blows(const Firmware &self) {
     return reported;
 }
 
+nb::bytes tape_of(const Firmware &self) {
+    return as_bytes(self.tape.data(), self.tape.size());
+}
+
+nb::bytes given_of(const Firmware &self) {
+    return as_bytes(self.given.data(), self.given.size());
+}
+
+nb::bytes eeprom_image(const Firmware &self) {
+    need_owner(self);
+    return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
+}
+
+nb::bytes recorded_ticks(const Firmware &self) {
+    need_owner(self);
+    const SimTick *ticks = nullptr;
+    const std::size_t count = sim_ticks(&ticks);
+    return as_bytes(ticks, count * sizeof(SimTick));
+}
+
 // A byte string of a fixed size from an object that is bytes or None; false for None.
 bool take_image(const nb::object &object, std::size_t size, const char *what, std::string &image) {
     if (object.is_none())
@@ -73,7 +93,8 @@ bool take_image(const nb::object &object, std::size_t size, const char *what, st
 }
 
 void firmware_init(Firmware *self, const nb::object &eeprom, int reset_cause, int target,
-                   int isr_cycles, int tick_cycles, const nb::object &torque_map) {
+                   int isr_cycles, int tick_cycles, const nb::object &torque_map,
+                   std::uint32_t start_ms) {
     if (reset_cause < 0 || reset_cause > 15 || target < 0 || target > 15)
         throw std::invalid_argument("Firmware: reset_cause and target are 0..15");
     if (isr_cycles < 0 || isr_cycles > 300 || tick_cycles < 260 || tick_cycles > 8000)
@@ -88,6 +109,7 @@ void firmware_init(Firmware *self, const nb::object &eeprom, int reset_cause, in
     start.target = static_cast<std::uint8_t>(target);
     start.isr_cycles = static_cast<std::uint16_t>(isr_cycles);
     start.tick_cycles = static_cast<std::uint16_t>(tick_cycles);
+    start.start_ms = start_ms;
     need_free();
     new (self) Firmware{++owner, {}};
     sim_reset(&start, &self->outputs);
@@ -147,12 +169,12 @@ void bind_firmware(nb::module_ &module) {
         "The firmware built for this machine, in lock-step: period k begins at TOP k of the PWM. "
         "One at a time in a process.\n"
         "eeprom: image of 1,024 bytes or None (erased); reset_cause and target as BOOT reports "
-        "them; isr_cycles and\n"
+        "them; start_ms: the telemetry's time at the start; isr_cycles and\n"
         "tick_cycles delay interrupts and the tick; the bytes sent must not depend on them; "
         "torque_map: image of a TorqueMap (406 bytes) or None (the one in the source).")
         .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1,
              "target"_a = 0, "isr_cycles"_a = SIM_ISR_CYCLES, "tick_cycles"_a = SIM_TICK_CYCLES,
-             "torque_map"_a.none() = nb::none())
+             "torque_map"_a.none() = nb::none(), "start_ms"_a = 0)
         .def("period", &period, "adc_counts"_a, "edges"_a = std::vector<int>(), "switches"_a = 0,
              "rx"_a = nb::bytes("", 0),
              "One period: counts of current, bus, trigger, temperature at its end; Hall edges as "
@@ -174,15 +196,17 @@ void bind_firmware(nb::module_ &module) {
             "tx",
             [](const Firmware &self) { return as_bytes(self.outputs.tx, self.outputs.tx_count); },
             "bytes sent in the last period")
-        .def_prop_ro("eeprom",
-                     [](const Firmware &self) {
-                         need_owner(self);
-                         return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
-                     })
+        .def_prop_ro("eeprom", &eeprom_image)
         .def_prop_ro(
             "blows", &reported_blows,
             "Blows that the firmware has reported since its start: (time_s, lugs, repeats of "
             "each lug, period_s, running period_s before it, its spread)")
+        .def_rw("keeps_tape", &Firmware::keeps_tape, "whether run_lockstep records the next two")
+        .def_prop_ro("tape", &tape_of)
+        .def_prop_ro("given", &given_of)
+        .def_prop_ro("ticks", &recorded_ticks,
+                     "What filters and controller have taken and given in each tick: SimTick of "
+                     "firmware/hal/sim/sim.h, one after the other")
         .def_prop_ro("periods",
                      [](const Firmware &self) {
                          need_owner(self);

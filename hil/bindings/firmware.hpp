@@ -4,12 +4,15 @@
 #define VGROOVE_HIL_FIRMWARE_HPP
 
 #include <cstdint>
+#include <string>
 
 #include "hal/sim/sim.h"
 
 struct Firmware {
     std::uint32_t number;
     SimOutputs outputs;  // in force in the next period
+    bool keeps_tape = false;
+    std::string tape, given;  // inputs and outputs of the periods of run_lockstep, if kept
 };
 
 // Throws std::runtime_error when a newer instance has taken the simulation over, or another thread

@@ -80,6 +80,11 @@ std::string lockstep_run(Firmware &board, Tool &tool, const LockstepInputs &in, 
         if (truth)
             truth_note(*truth, tool, gates);
         sim_period(&message, &board.outputs);
+        if (board.keeps_tape) {
+            board.tape.append(reinterpret_cast<const char *>(&message), sizeof message);
+            board.given.append(reinterpret_cast<const char *>(&board.outputs),
+                               sizeof board.outputs);
+        }
         gates = lockstep_gates(board.outputs);
         sent.append(reinterpret_cast<const char *>(board.outputs.tx), board.outputs.tx_count);
     }

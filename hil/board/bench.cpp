@@ -129,6 +129,11 @@ void Bench::feed(const SimInputs &inputs) {
 }
 
 void Bench::run_to(Cycle end) {
+    if (options_.hang < end) {
+        machine_.run_until(options_.hang);
+        options_.hang = NEVER;
+        machine_.hang();
+    }
     if (options_.brown_out < end) {
         machine_.run_until(options_.brown_out);
         options_.brown_out = NEVER;
@@ -163,6 +168,11 @@ bool Bench::period(const SimInputs &inputs, SimOutputs &outputs) {
         ++outputs.tx_count;
     }
     return true;
+}
+
+void Bench::receive(std::uint8_t byte) {
+    received_at_ = (received_at_ < end_ ? end_ : received_at_) + serial_.byte_cycles();
+    serial_.arrive(received_at_, byte);
 }
 
 void Bench::save_eeprom() const {

@@ -22,11 +22,14 @@ struct Options {
     std::string stats;
     std::string profile;           // cycles by address, for tests/avr/hot_spots.py
     std::uint8_t reset_cause = 1;  // MCUSR: power-on
-    int boot_r2 = -1;   // from 0 on: a boot loader has cleared MCUSR and left this value in r2
-    Cycle cut = NEVER;  // power fails at this cycle: the run ends, a byte being written is random
+    int boot_r2 = -1;    // from 0 on: a boot loader has cleared MCUSR and left this value in r2
+    Cycle cut = NEVER;   // power fails at this cycle: the run ends, a byte being written is random
+    Cycle hang = NEVER;  // the main program enters an endless loop at this cycle
     Cycle brown_out = NEVER;  // brown-out reset at this cycle
     Cycle least_dead = 2;
     std::uint32_t seed = 1;
+    bool pty = false;  // at the pace of the wall clock, see real_time.hpp
+    double pace = 1.0;
 };
 
 // Traps registers of peripherals that the bench does not model: writing a value other than zero
@@ -49,6 +52,9 @@ public:
     explicit Bench(const Options &options);
     // One PWM period; false: the power was cut within it.
     bool period(const SimInputs &inputs, SimOutputs &outputs);
+    // A byte for the UART: its stop bit ends one character after that of the byte before it, at
+    // the earliest one character after the end of the last period.
+    void receive(std::uint8_t byte);
     void save_eeprom() const;
     std::string statistics() const;
     std::string address_table() const { return profile_.address_table(); }
@@ -77,6 +83,7 @@ private:
     SimInputs now_{};
     SimInputs before_{};
     Cycle start_ = -1;
+    Cycle received_at_ = 0;  // of the last byte of receive()
     Cycle end_ = 0;
     long periods_ = 0;
     long odd_periods_ = 0;  // not 510 cycles long: a reset has restarted Timer0

@@ -249,4 +249,15 @@ void Machine::reset(std::uint8_t cause) {
     refresh();
 }
 
+void Machine::hang() {
+    constexpr int LONGEST = 1000;  // of a critical section or an interrupt, in steps of 4 cycles
+    for (int k = 0; k < LONGEST && avr_->sreg[S_I] == 0; ++k) {
+        run_until(now() + 4);
+    }
+    avr_->flash[avr_->flashend - 1] = 0xff;  // rjmp .-2
+    avr_->flash[avr_->flashend] = 0xcf;
+    avr_->pc = avr_->flashend - 1;
+    avr_->state = cpu_Running;
+}
+
 }  // namespace board

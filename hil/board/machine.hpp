@@ -90,6 +90,8 @@ public:
     void count_addresses(std::vector<Cycle> &cycles) { counted_ = &cycles; }
     void run_until(Cycle end);
     void reset(std::uint8_t cause);
+    // The main program enters an endless loop, with interrupts enabled, at the end of the flash.
+    void hang();
 
 private:
     static void write_hook(avr_t *avr, avr_io_addr_t address, std::uint8_t value, void *device);

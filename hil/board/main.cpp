@@ -11,6 +11,7 @@
 #include <memory>
 
 #include "bench.hpp"
+#include "real_time.hpp"
 
 namespace {
 
@@ -21,12 +22,16 @@ constexpr int EXIT_BOARD = 3;
 constexpr const char *USAGE =
     "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom "
     "FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
-    "                     [--cut CYCLE] [--brown-out CYCLE] "
+    "                     [--cut CYCLE] [--brown-out CYCLE] [--hang CYCLE] "
     "[--least-dead CYCLES] [--profile FILE] [--seed N]\n"
-    "                     [--boot-r2 VALUE]\n"
+    "                     [--boot-r2 VALUE] [--pty] [--pace FACTOR]\n"
     "Reads one SimInputs a PWM period on stdin, answers one SimOutputs "
     "on stdout (firmware/hal/sim/sim_io.h),\nuntil stdin ends. --cut: the power fails at "
-    "this cycle; --brown-out: reset at this cycle.\n"
+    "this cycle; --brown-out: reset at this cycle;\n--hang: the main program enters an endless "
+    "loop "
+    "at this cycle, interrupts go on.\n"
+    "--pty: instead of that, at the pace of the wall clock, with the UART on a pseudo-terminal, "
+    "whose name is\nprinted on stdout, until SIGTERM.\n"
     "--boot-r2: a boot loader has cleared MCUSR and left this value in register r2.\n";
 
 std::uint8_t reset_cause(const std::string &name) {
@@ -48,6 +53,15 @@ board::Cycle cycles(const std::string &name, const std::string &text) {
     return value;
 }
 
+double factor(const std::string &name, const std::string &text) {
+    char *rest = nullptr;
+    const double value = std::strtod(text.c_str(), &rest);
+    if (text.empty() || *rest != '\0' || !(value >= 0.001 && value <= 100.0)) {
+        throw BoardError(name + " needs a factor from 0.001 to 100, not '" + text + "'");
+    }
+    return value;
+}
+
 void set_option(board::Options &options, const std::string &name, const std::string &value) {
     if (name == "--mcu") {
         options.mcu = value;
@@ -65,8 +79,12 @@ void set_option(board::Options &options, const std::string &name, const std::str
         options.cut = cycles(name, value);
     } else if (name == "--brown-out") {
         options.brown_out = cycles(name, value);
+    } else if (name == "--hang") {
+        options.hang = cycles(name, value);
     } else if (name == "--least-dead") {
         options.least_dead = cycles(name, value);
+    } else if (name == "--pace") {
+        options.pace = factor(name, value);
     } else if (name == "--seed") {
         options.seed = static_cast<std::uint32_t>(cycles(name, value));
     } else {
@@ -80,6 +98,8 @@ board::Options parse(int count, char **arguments) {
         const std::string argument = arguments[i];
         if (argument.rfind("--", 0) != 0) {
             options.elf = argument;
+        } else if (argument == "--pty") {
+            options.pty = true;
         } else if (i + 1 < count) {
             set_option(options, argument, arguments[++i]);
         } else {
@@ -153,7 +173,11 @@ int run(const board::Options &options, int stream) {
     const auto bench = std::make_unique<board::Bench>(options);
     int code = EXIT_SUCCESS;
     try {
-        serve(*bench, stream);
+        if (options.pty) {
+            board::serve_pseudo_terminal(*bench, stream, options.pace);
+        } else {
+            serve(*bench, stream);
+        }
     } catch (const BoardError &error) {
         std::fprintf(stderr, "vgroove-board: %s\n", error.what());
         code = EXIT_BOARD;

@@ -29,10 +29,10 @@ public:
 
     void arrive(Cycle at, std::uint8_t byte);  // a byte whose stop bit ends at that cycle
     bool take(std::uint8_t &byte);             // next byte whose stop bit has ended
+    Cycle byte_cycles() const;                 // of a character at the present rate
     const SerialReport &report() const { return report_; }
 
 private:
-    Cycle byte_cycles() const;
     bool enabled(std::uint8_t mask) const { return (machine_.peek(0xc1) & mask) != 0; }
     void send(std::uint8_t value);
     void receive(std::uint8_t byte);

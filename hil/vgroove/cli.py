@@ -37,7 +37,7 @@ gap_app = typer.Typer(
 )
 app.add_typer(gap_app, name="gap")
 log_app = typer.Typer(
-    no_args_is_help=True, help="Logs: what one holds, and whether it can be used."
+    no_args_is_help=True, help="Logs: what one holds, whether it can be used, how two differ."
 )
 app.add_typer(log_app, name="log")
 FromS = Annotated[
@@ -84,6 +84,10 @@ NextPath = Annotated[
     typer.Option(
         "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
     ),
+]
+FaultAt = Annotated[
+    str | None,
+    typer.Option(metavar="NAME@T", help="Inject a fault at the time T in s (docs/faults.md)."),
 ]
 CheckRig = Annotated[
     Path | None, typer.Option("--rig", help="On a board: the rig with which logs are checked.")
@@ -194,11 +198,18 @@ def record(
         float | None, typer.Option(help="Board time to record; without: until Ctrl-C.")
     ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of the line.")] = 250_000,
+    without_boot: Annotated[
+        bool,
+        typer.Option(
+            "--without-boot",
+            help="Begin with the first frame: for a line without a wire to the board.",
+        ),
+    ] = False,
 ) -> None:
     """Record the board's telemetry; Ctrl-C ends it with a complete file."""
     from vgroove.record_command import record_with_progress
 
-    record_with_progress(port, output, seconds, baud)
+    record_with_progress(port, output, seconds, baud, without_boot)
 
 
 @app.command()
@@ -236,6 +247,7 @@ def run(
     eeprom: Annotated[
         Path | None, typer.Option(help="EEPROM image, read before the run and written after.")
     ] = None,
+    fault: FaultAt = None,
     experiment: ExperimentName = None,
     next_path: NextPath = None,
     rig: CheckRig = None,
@@ -245,9 +257,11 @@ def run(
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
     menu on a board (--on PORT).
     """
+    from vgroove.faults import parse_injection
     from vgroove.run import RunOptions
 
-    options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
+    injection = parse_injection(fault) if fault else None
+    options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom, injection)
     if scenario_path is None and on not in ("sil", "avr"):
         from vgroove.board_checks import BoardChecks
         from vgroove.board_run import chosen_profile, run_on_board
@@ -272,6 +286,44 @@ def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:
     scenario = read_scenario(path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
     run_scenario(scenario, options, Console(), Console(stderr=True))
+
+
+@app.command()
+def hil(
+    scenario_path: Annotated[
+        Path, typer.Argument(metavar="SCENARIO", help="TOML file: tool, trigger, load, duration.")
+    ],
+    port: Annotated[
+        str | None, typer.Option(help="Serial port of the board: /dev/ttyACM0, COM3, a pty.")
+    ] = None,
+    bus: Annotated[
+        str | None,
+        typer.Option(help="Instead: INTERFACE:CHANNEL of python-can, such as socketcan:can0."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")
+    ] = None,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures of the exchange as JSON.")
+    ] = None,
+    timing: Annotated[
+        Path | None, typer.Option(help="Write the times of every exchange as CSV.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
+    baud: Annotated[int, typer.Option(help="Baud rate of --port.")] = 1_000_000,
+) -> None:
+    """Hardware in the loop: simulate the scenario's tool in real time against a board that runs the
+    build for real-time runs (docs/hil.md).
+    """
+    from dataclasses import replace
+
+    from vgroove.real_time.command import HilOptions, run_hil
+    from vgroove.scenario import read_scenario
+
+    scenario = read_scenario(scenario_path)
+    scenario = scenario if seed is None else replace(scenario, seed=seed)
+    options = HilOptions(port, bus, baud, output, json_path, timing)
+    run_hil(scenario, options, Console(stderr=True))
 
 
 @app.command()
@@ -442,7 +494,7 @@ def rig_new(
 
 @log_app.callback()
 def log_commands() -> None:
-    """Logs: what one holds, and whether it can be used."""
+    """Logs: what one holds, whether it can be used, how two differ."""
 
 
 @log_app.command("check")
@@ -468,6 +520,36 @@ def log_check(
 
     _check_outputs(json_path, inputs=[path, *([rig] if rig else [])])
     check_file(read_log(path, _columns(maps, map_file)), rig, json_path, as_is)
+
+
+@log_app.command("compare")
+def log_compare(
+    path_a: Annotated[Path, typer.Argument(metavar="A", help="First log.")],
+    path_b: Annotated[Path, typer.Argument(metavar="B", help="Log compared with it.")],
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write all figures as JSON.")
+    ] = None,
+    html_path: Annotated[
+        Path | None, typer.Option("--html", help="Write one self-contained page.")
+    ] = None,
+    require: Annotated[
+        str | None,
+        typer.Option(help="equal or explained: exit code 3 where the logs differ more than that."),
+    ] = None,
+    max_shift_s: Annotated[
+        float, typer.Option("--max-shift", metavar="S", help="Largest time offset searched, in s.")
+    ] = 0.1,
+    maps: Maps = None,
+    map_file: MapFile = None,
+) -> None:
+    """Compare two logs: first difference by column and time, gap of each column, and whether
+    resolution or timing explains it.
+    """
+    from vgroove.log_compare.command import compare_files
+
+    _check_outputs(json_path, html_path, inputs=[path_a, path_b])
+    columns = _columns(maps, map_file)
+    compare_files((path_a, path_b), columns, (json_path, html_path), require, max_shift_s)
 
 
 @gap_app.command("diagnose")

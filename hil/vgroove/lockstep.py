@@ -152,7 +152,7 @@ class StimulusSource:
         time_s = (np.arange(first, first + count) + 1) * PERIOD_S
         travel = np.clip(interpolate_points(p.travel, time_s), 0.0, 1.0)
         noise = self.random.standard_normal((2, count))
-        # zero current is 512 counts; 0.5 makes the truncation of _counts round to the nearest count
+        # zero current is 512 counts; 0.5 makes the truncation of counts_of a rounding to nearest
         current = (
             512.5
             + (interpolate_points(p.current_add_a, time_s) + front.current_noise_a * noise[0])
@@ -276,7 +276,8 @@ class Progress:
         return self.periods * PERIOD_S
 
 
-def _counts(value: float) -> int:
+def counts_of(value: float) -> int:
+    """ADC counts of a value in counts, truncated and clipped."""
     return 0 if value < 0 else ADC_COUNTS - 1 if value >= ADC_COUNTS else int(value)
 
 
@@ -328,8 +329,8 @@ def _run_chunk(run: _Run, stimuli: StimulusChunk, progress: Progress) -> None:
         if truth is not None:
             truth.note(tool, coast, compare)
         counts = (
-            _counts(current * per_ampere + current_counts),
-            _counts(supply * per_volt + supply_counts),
+            counts_of(current * per_ampere + current_counts),
+            counts_of(supply * per_volt + supply_counts),
             trigger,
             temperature,
         )

@@ -42,10 +42,12 @@ def summary(recording: Recording) -> str:
     return "\n".join(lines)
 
 
-def record_with_progress(port: str, output: Path, seconds: float | None, baud: int) -> None:
+def record_with_progress(
+    port: str, output: Path, seconds: float | None, baud: int, without_boot: bool = False
+) -> None:
     """Record with a line of counters on the terminal; VgrooveError as `record` raises it."""
     console = Console(stderr=True)
-    recording = Recording(port, output, baud, seconds)
+    recording = Recording(port, output, baud, seconds, without_boot)
     recording.notify = lambda text: print_warning(console, text)
     with stop_on_signals() as stop:
         if console.is_terminal:

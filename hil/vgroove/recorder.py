@@ -61,12 +61,15 @@ class HostProgram:
 
 @dataclass
 class Recording:
-    """What to record, and its result."""
+    """What to record, and its result. `without_boot`: begin with the first intact frame; duty 1 is
+    then taken as compare value 255, and parameters are missing unless the board sends them.
+    """
 
     port: str
     output: Path
     baud: int = 250_000
     seconds: float | None = None
+    without_boot: bool = False
     program: HostProgram = field(default_factory=HostProgram)
     notify: Callable[[str], None] = lambda _: None  # is called with remarks for the user
     session: telemetry.Session = field(default_factory=telemetry.Session)
@@ -176,6 +179,24 @@ class _DumpRequester:
             raise can.CanOperationError(f"could not write to serial: {error}") from error
 
 
+def _line_advice(counters: telemetry.Counters) -> str:
+    """What to check on a line without a BOOT frame."""
+    if counters.bytes == 0:
+        return (
+            "the line is silent: check that the board has power, that its TX wire reaches this "
+            "port, and that it runs vgroove's firmware."
+        )
+    if counters.frames == 0:
+        return (
+            "nothing that arrives is a frame: check the rate (250000, or 115200 with parameter "
+            "baud_select) and that it is a vgroove board."
+        )
+    return (
+        "the board sends, but does not answer the request for its parameters: check the wire from "
+        "this computer to its RX pin, or record with --without-boot."
+    )
+
+
 def _from_boot(frames: list[telemetry.Frame]) -> list[telemetry.Frame]:
     return frames[next(k for k, frame in enumerate(frames) if frame.id == telemetry.BOOT) :]
 
@@ -218,10 +239,14 @@ class _Recorder:
                     f"{recording.port}: the port was lost before a BOOT frame came ({error})."
                 ) from error
             kept = recording.program.select(frames)
+            session.needs_boot = not recording.without_boot
             session.feed(kept)
             if session.boot is not None:
                 session.counters.begin(before, len(_from_boot(frames)), self.bus.framer.held)
                 return _from_boot(kept)
+            if recording.without_boot and kept:
+                session.counters.begin(before, len(frames), self.bus.framer.held)
+                return kept
             before = copy(session.counters)
         raise self._no_board()
 
@@ -230,7 +255,7 @@ class _Recorder:
         received = f"{counters.bytes} bytes, {counters.frames} intact frames"
         return VgrooveError(
             f"{recording.port}: no boot frame within {BOOT_TIMEOUT_S:g} s at {recording.baud} Bd "
-            f"({received}): is it a vgroove board, and is the rate the one that it uses?"
+            f"({received}): {_line_advice(counters)}"
         )
 
     def _fill(self, file: RecordingFile, first_frames: list[telemetry.Frame]) -> None:

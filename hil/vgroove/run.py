@@ -13,6 +13,7 @@ from rich.console import Console
 from vgroove import lockstep, telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.errors import VgrooveError
+from vgroove.faults import FaultyBoard, Injection
 from vgroove.mode_refusals import refused_modes
 from vgroove.output import check_outputs, unwritable, write_bytes
 from vgroove.progress import ProgressBar, seconds_bar
@@ -42,6 +43,7 @@ class RunOptions:
     real_time: bool = False
     stats: Path | None = None
     eeprom: Path | None = None
+    injection: Injection | None = None
 
 
 def _eeprom_image(path: Path | None) -> bytes | None:
@@ -61,8 +63,23 @@ def _tool_of(scenario: Scenario) -> str:
     return "drill" if scenario.tool.mechanism["kind"] == "drill_driver" else "impact"
 
 
-def make_board(options: RunOptions, seed: int, tool: str = "impact") -> AvrBoard | SilBoard:
-    """The board that the options name; `tool`: whose controllers its firmware needs."""
+def make_board(
+    options: RunOptions, seed: int, tool: str = "impact"
+) -> AvrBoard | SilBoard | FaultyBoard:
+    """The board that the options name, with their fault; `tool`: whose controllers its firmware
+    needs.
+    """
+    injection = options.injection
+    if injection is None:
+        return _sound_board(options, seed, tool)
+    if injection.fault.board_option and options.on != "avr":
+        raise VgrooveError(
+            f"--fault {injection.fault.name} acts on the simulated AVR: add --on avr"
+        )
+    return FaultyBoard(_sound_board(options, seed, tool), injection, seed)
+
+
+def _sound_board(options: RunOptions, seed: int, tool: str) -> AvrBoard | SilBoard:
     if options.on == "sil":
         return SilBoard(eeprom=_eeprom_image(options.eeprom))
     if options.on != "avr":
@@ -73,8 +90,14 @@ def make_board(options: RunOptions, seed: int, tool: str = "impact") -> AvrBoard
     if options.target not in MCUS:
         raise VgrooveError(f"--target is uno or mega, not {options.target}")
     elf = options.elf or default_elf(options.target, tool)
+    more = options.injection.board_options() if options.injection else {}
     return AvrBoard(
-        elf, mcu=MCUS[options.target], stats=options.stats, eeprom=options.eeprom, seed=seed
+        elf,
+        mcu=MCUS[options.target],
+        stats=options.stats,
+        eeprom=options.eeprom,
+        seed=seed,
+        **more,
     )
 
 
@@ -135,8 +158,9 @@ def _run_in_lockstep(
             bar.move_to(now.time_s)
             if options.real_time:
                 time.sleep(max(0.0, now.time_s - (time.monotonic() - begin)))
-        if options.eeprom and isinstance(board, SilBoard):  # vgroove-board writes its image itself
-            write_bytes(options.eeprom, board.eeprom())
+        native = board.board if isinstance(board, FaultyBoard) else board
+        if options.eeprom and isinstance(native, SilBoard):  # vgroove-board writes its image itself
+            write_bytes(options.eeprom, native.eeprom())
     return bytes(now.sent)
 
 

@@ -1,5 +1,9 @@
 """python-can's serial bus to the board, which continues after damaged bytes."""
 
+import os
+import select
+import subprocess
+import sys
 from collections import deque
 from contextlib import suppress
 from typing import Any
@@ -10,10 +14,80 @@ from can.interfaces.serial.serial_can import SerialBus
 
 from vgroove import telemetry
 
+if os.name == "posix":
+    import fcntl
+
+
+READ_BYTES = 65_536
+PIPE_BYTES = 1 << 20  # of the pipe from the reading process: 10 s at 1 MBd
+F_SETPIPE_SZ = 1031  # of Linux
+# The reading process. It ends with its parent, and gets real-time priority where that is permitted.
+PUMP = """
+import ctypes, os, select, sys
+port, priority = int(sys.argv[1]), 15
+try:
+    ctypes.CDLL(None).prctl(1, 9)
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+except (OSError, AttributeError):
+    pass
+while True:
+    select.select([port], [], [])
+    data = os.read(port, 65536)
+    if not data:
+        break
+    os.write(1, data)
+"""
+
+
+class PortReader:
+    """Reads a port in a process of its own, so that the kernel's buffer (4 KiB, 41 ms at 1 MBd) is
+    emptied while the program decodes, writes, or waits for a processor. For systems with POSIX
+    descriptors; others read in the program itself.
+    """
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port, self._process = port, None
+        if os.name != "posix":
+            return
+        descriptor = port.fileno()
+        self._process = subprocess.Popen(
+            [sys.executable, "-S", "-c", PUMP, str(descriptor)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            pass_fds=(descriptor,),
+            start_new_session=True,  # Ctrl-C and a closed terminal are the program's
+        )
+        self._pipe = self._process.stdout.fileno()
+        with suppress(OSError):
+            fcntl.fcntl(self._pipe, F_SETPIPE_SZ, PIPE_BYTES)
+
+    def take(self, timeout_s: float) -> bytes:
+        """Bytes that have arrived; waits at most `timeout_s` for a first one. OSError when the
+        port is lost.
+        """
+        if self._process is None:
+            data = self._port.read(1)
+            return data + self._port.read(self._port.in_waiting) if data else b""
+        if not select.select([self._pipe], [], [], timeout_s)[0]:
+            return b""
+        data = os.read(self._pipe, READ_BYTES)
+        if not data:
+            raise OSError("the device has hung up")
+        return data
+
+    def stop(self) -> None:
+        """End the reading process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process.stdout.close()
+
 
 class ResyncBus(SerialBus):
     """python-can's serial bus whose `recv` continues with the next intact frame after damage;
-    `framer` counts what it skipped.
+    `framer` counts what it skipped. Bytes are read by another process
+    (PortReader).
     """
 
     def __init__(
@@ -24,17 +98,24 @@ class ResyncBus(SerialBus):
         super().__init__(channel, baudrate=baudrate, timeout=timeout, **kwargs)
         with suppress(AttributeError, NotImplementedError):
             self._ser.exclusive = True
+        self._timeout_s = timeout
+        self._reader = PortReader(self._ser)
 
     def read_frames(self) -> list[telemetry.Frame]:
         """Frames completed by the bytes that have arrived; blocks at most `timeout` seconds for a
         first byte. CanOperationError when the port is lost.
         """
         try:
-            data = self._ser.read(1)
-            data += self._ser.read(self._ser.in_waiting) if data else b""
-        except (serial.SerialException, OSError, TypeError) as error:
+            data = self._reader.take(self._timeout_s)
+        except (serial.SerialException, OSError, TypeError, AttributeError) as error:
             raise can.CanOperationError(f"could not read from serial: {error}") from error
         return self.framer.feed(data)
+
+    def shutdown(self) -> None:
+        """End the reading process and close the port."""
+        if hasattr(self, "_reader"):
+            self._reader.stop()
+        super().shutdown()
 
     def write(self, data: bytes) -> None:
         """Send bytes to the board; CanOperationError when the port is lost."""

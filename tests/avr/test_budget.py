@@ -14,6 +14,13 @@ def test_elf_keeps_its_budgets(elf: str, request: pytest.FixtureRequest) -> None
     assert budget.measure(request.getfixturevalue(elf)).broken() == []
 
 
+@pytest.mark.parametrize("folder", ["avr-uno-hil", "avr-uno-drill-hil"])
+def test_builds_for_real_time_runs_keep_their_budgets(folder: str) -> None:
+    elf = budget.ROOT / "build" / folder / "vgroove.elf"
+    assert elf.is_file(), f"{elf} does not exist: run `make build`"
+    assert budget.measure(elf).broken() == []
+
+
 @pytest.mark.skipif(not shutil.which("avr-gcc"), reason="avr-gcc is not installed")
 def test_a_float_division_is_found(tmp_path: Path) -> None:
     source = tmp_path / "f.c"

@@ -35,7 +35,8 @@ def sources(*folders: str) -> list[Path]:
 
 def portable() -> list[Path]:
     """C files that both the target and the host build."""
-    return sources("core", "drivers", "controllers", "telemetry", "app")
+    inject = [path for path in sources("hal/inject") if path not in board_sources()]
+    return sources("core", "drivers", "controllers", "telemetry", "app") + inject
 
 
 def run(command: list[str]) -> tuple[int, str]:
@@ -58,7 +59,7 @@ def suppressed_rules() -> list[str]:
 
 def board_sources() -> list[Path]:
     """C files that only the target builds."""
-    return sources("hal/avr")
+    return [*sources("hal/avr"), FIRMWARE / "hal/inject/avr_main.c"]
 
 
 def host_sources() -> list[Path]:

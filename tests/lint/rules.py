@@ -49,6 +49,7 @@ MAY_USE = {
         "plant/lockstep",
         "firmware/hal",
     },
+    "hil/fixed_point": {"firmware/core", "firmware/controllers", "firmware/drivers"},
     "tests/truth": set(),
 }
 USES_ALL = ("tests",)

@@ -36,14 +36,16 @@ def flags_of_cmake() -> set[str]:
     return (flags | set(re.findall(r"-W[a-z][\w-]*", warnings))) - NOT_OF_PLATFORMIO
 
 
-def sources_of_cmake() -> set[str]:
-    """C files of the firmware; a list of CMake within the list is that of a file(GLOB)."""
+def sources_of_cmake(build: int = 0) -> set[str]:
+    """C files of the firmware; a list of CMake within the list is that of a file(GLOB). `build`: 0
+    the tool's, 1 the one for real-time runs.
+    """
     cmake = (FIRMWARE / "CMakeLists.txt").read_text()
     listed = re.search(r"set\(firmware_sources(.*?)\)", cmake, re.DOTALL)[1].split()
-    avr = re.search(
+    avr = re.findall(
         r"set\(target_sources \$\{firmware_sources\}([^)]*)\)",
         (FIRMWARE / "avr.cmake").read_text(),
-    )[1].split()
+    )[build].split()
     found = {name for name in (*listed, *avr) if not name.startswith("$")}
     for name in (name[2:-1] for name in listed if name.startswith("$")):
         pattern = re.search(rf"file\(GLOB {name}\b[^)]*?(\S+\.c)\)", cmake)[1]
@@ -51,9 +53,11 @@ def sources_of_cmake() -> set[str]:
     return found
 
 
-def sources_of_platformio(parser: configparser.ConfigParser, root: Path = FIRMWARE) -> set[str]:
+def sources_of_platformio(
+    parser: configparser.ConfigParser, root: Path = FIRMWARE, section: str = "env"
+) -> set[str]:
     """C files that build_src_filter selects, as PlatformIO reads it: +<folder/> or +<pattern>."""
-    patterns = re.findall(r"\+<([^>]*)>", parser["env"]["build_src_filter"])
+    patterns = re.findall(r"\+<([^>]*)>", parser[section]["build_src_filter"])
     found = (
         path
         for pattern in patterns
@@ -68,6 +72,16 @@ def test_flags_are_those_of_cmake() -> None:
 
 def test_sources_are_those_of_cmake() -> None:
     assert sources_of_platformio(ini()) == sources_of_cmake()
+
+
+def test_builds_for_real_time_runs_have_the_sources_of_cmake() -> None:
+    parser = ini()
+    assert sources_of_platformio(parser, section="hil") == sources_of_cmake(1)
+    for name, board in BOARDS.items():
+        section = parser[f"env:{name}_hil"]
+        assert section["board"] == board
+        assert section["build_src_filter"] == "${hil.build_src_filter}"
+        assert section["build_flags"] == parser[f"env:{name}"]["build_flags"]
 
 
 def test_clock_boards_and_rates() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from gap_growth import gap_growth
 from rich.console import Console
 from rich.progress import track
+from soak import HOURS, soak
 
 from vgroove.control_bench.control import PARTS, Choice
 
@@ -176,6 +177,7 @@ PROOFS = {
     "measured_machines": measured_machines,
 }
 PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
+PROOFS |= {"soak": lambda folder, jobs: soak(HOURS, folder, jobs, kept)}
 PROOFS |= {f"control_{part}": partial(control, part) for part in CONTROL_DRAWS}
 PROOFS |= {
     "gap_bench_measured": partial(gap_bench_measured, "report"),

@@ -84,6 +84,22 @@ def slewed(now: int, target: int) -> int:
     return now + max(-197, min(197, target - now))
 
 
+def divided(dividend: int, divisor: int) -> int:
+    """Quotient of 32-bit numbers without sign, at most 65,535; of a divisor of 0 that."""
+    dividend, divisor = dividend % 2**32, divisor % 2**32
+    return min(65535, dividend // divisor) if divisor else 65535
+
+
+def folded_back(requested: int, current: int) -> int:
+    """First step of the fold-back with a limit of 40 A: duty after an excess of the current."""
+    limit = 40 * 512
+    if abs(current) <= limit:
+        return max(0, requested)
+    size = max(0, min(32767 << 8, (abs(current) - limit) * 41))
+    change = floor(Fraction(-size if current > 0 else size, 256))
+    return max(0, min(32767, requested + change))
+
+
 def cases() -> list[tuple[str, int, int, int]]:
     """(function, a, b, expected): ends of each range, their neighbours, seeded values between."""
     draw = random.Random(SEED)
@@ -134,6 +150,13 @@ def cases() -> list[tuple[str, int, int, int]]:
         ("SLEW", a, b, slewed(a, b))
         for a in (-32768, 0, 32767)
         for b in (-32768, -198, -197, 0, 197, 198, 32767)
+    ]
+    ends32 = (0, 1, 65534, 65535, 65536, 65537, 2**31 - 1, -(2**31), -2, -1)
+    out += [("DIVIDE", a, b, divided(a, b)) for a in ends32 for b in ends32]
+    out += [
+        ("FOLDBACK", r, c, folded_back(r, c))
+        for r in (-2, -1, 0, 1, 16384, 32766, 32767)
+        for c in (-32768, -32767, -20481, -20480, -1, 0, 1, 20480, 20481, 32766, 32767)
     ]
     return out
 

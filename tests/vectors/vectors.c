@@ -1,6 +1,8 @@
 // Evaluation of a golden vector with the firmware's functions.
 #include "vectors.h"
 
+#include "controllers/foldback.h"
+#include "core/divide.h"
 #include "core/fixed.h"
 #include "core/flash.h"
 #include "core/slew.h"
@@ -14,6 +16,7 @@
 #define MID_SCALE_Q4 8192
 #define TIMEOUT_MS 2000u
 #define SLEW_Q15 197
+#define FOLDBACK_A_Q9 (40 * 512)
 
 static const Vector table[VECTORS_COUNT] FLASH_TABLE = {VECTORS_TABLE};
 
@@ -62,6 +65,12 @@ static int32_t speed(int32_t period, int32_t pulses) {
     return rpm_q1;
 }
 
+static int32_t folded_back(int32_t requested_q15, int32_t current_a_q9) {
+    Foldback self;
+    foldback_init(&self, FOLDBACK_A_Q9);
+    return foldback_step(&self, (int16_t)requested_q15, (int16_t)current_a_q9);
+}
+
 int32_t vectors_evaluate(uint8_t function, int32_t a, int32_t b) {
     bool saturated = false;
     switch (function) {
@@ -85,6 +94,10 @@ int32_t vectors_evaluate(uint8_t function, int32_t a, int32_t b) {
         return speed(a, b);
     case VECTORS_SLEW:
         return slew_towards((int16_t)a, (int16_t)b, SLEW_Q15);
+    case VECTORS_DIVIDE:
+        return divide_u16((uint32_t)a, (uint32_t)b);
+    case VECTORS_FOLDBACK:
+        return folded_back(a, b);
     }
     return INT32_MIN;
 }

@@ -12,6 +12,9 @@ extern uint8_t avr_reset_cause;
 
 void avr_start_pins(void);
 
+// Searches the lowest byte that the stack has used, a few bytes after each tick.
+void avr_look_at_stack(void);
+
 // Starts ADC and timers with interrupts off, before the main loop.
 void avr_start_timers(void);
 

@@ -42,6 +42,10 @@ typedef struct {
     uint8_t eeprom[SIM_EEPROM_BYTES];
     SimBlow blows[SIM_BLOWS_MAX];
     uint16_t blow_count;
+    SimTick ticks[SIM_TICKS_MAX];
+    uint16_t tick_count;
+    uint16_t stamps[SIM_STAMPS_MAX];  // since the last tick
+    uint8_t stamp_count;
     bool receive_off;
     uint64_t cycles;  // from the start of the timers to the beginning of the period
     uint32_t periods;
@@ -68,6 +72,9 @@ typedef struct {
     uint8_t high_below;
     uint8_t low_above;
 } Sim;
+
+_Static_assert(sizeof(BlowSetpoints) == sizeof((SimTick *)0)->blow_set, "blow_set");
+_Static_assert(CONTROL_SETPOINTS_MAX == SIM_SETPOINTS, "set");
 
 static Sim sim;
 
@@ -192,17 +199,69 @@ uint16_t sim_blows(const SimBlow **blows) {
     return sim.blow_count;
 }
 
+uint16_t sim_ticks(const SimTick **ticks) {
+    *ticks = sim.ticks;
+    return sim.tick_count;
+}
+
+static void keep_control(SimTick *tick) {
+    const Control *control = &sim.app.control;
+    const ControllerInputs *in = &control->in;
+    TelemetryControl report = {0};
+    control_report(control, &report);
+    tick->mode = control->mode;
+    tick->state = report.control_state;
+    tick->stop_reason = report.stop_reason;
+    tick->estimate = report.estimate;
+    tick->travel_q15 = in->travel_q15;
+    tick->in_speed_rpm_q1 = in->speed_rpm_q1;
+    tick->in_current_a_q9 = in->current_a_q9;
+    tick->duty_q15 = in->duty_q15;
+    tick->trigger_q15 = in->trigger_q15;
+    tick->supply_mv = in->supply_mv;
+    tick->coasted = in->coasted ? 1u : 0u;
+    tick->edges = in->edges;
+    tick->requested_q15 = sim.app.requested_q15;
+    tick->blow_count = control->blow.count;
+    memcpy(tick->set, control->set.words, sizeof tick->set);
+    memcpy(tick->blow_set, &control->blow_set, sizeof tick->blow_set);
+}
+
+// Records this tick for sim_ticks().
+static void keep_tick(void) {
+    if (sim.tick_count >= SIM_TICKS_MAX) {
+        return;
+    }
+    SimTick *tick = &sim.ticks[sim.tick_count++];
+    *tick = (SimTick){.time_ms = sim.app.report.now_ms,
+                      .stamp_count = sim.stamp_count,
+                      .current_sum = sim.app.measured.adc.current_sum,
+                      .current_count = sim.app.measured.adc.current_count,
+                      .current_offset_q4 = (uint16_t)sim.app.current.offset_q4,
+                      .current_gain_a_q15 = (uint16_t)sim.app.current.gain_a_q15,
+                      .current_a_q9 = sim.app.measured.current_a_q9,
+                      .speed_rpm_q1 = sim.app.measured.speed_rpm_q1,
+                      .controlled = sim.app.controlled ? 1u : 0u};
+    memcpy(tick->stamps, sim.stamps, sizeof tick->stamps);
+    sim.stamp_count = 0;
+    keep_control(tick);
+}
+
 static void on_main(void) {
     sim.ticks_waiting--;
     sim.main_at = NEVER;
     app_tick(&sim.app, sim.ticks_waiting);
     keep_blow();
+    keep_tick();
 }
 
 static void on_edge(void) {
     const uint64_t stamp = sim.cycles + sim.in.edge_cycle[sim.edge_next] + CAPTURE_CYCLES;
     sim.edge_next++;
     app_on_edge(&sim.app, (uint16_t)stamp);
+    if (sim.stamp_count < SIM_STAMPS_MAX) {
+        sim.stamps[sim.stamp_count++] = (uint16_t)stamp;
+    }
 }
 
 static void on_sample(void) {
@@ -349,6 +408,7 @@ void sim_reset(const SimStart *start, SimOutputs *outputs) {
     sim.main_at = NEVER;
     sim.sent_at = NEVER;
     app_init(&sim.app, VGROOVE_BUILD_HASH);
+    sim.app.report.now_ms = start->start_ms;
     sim.channel = adc_sequence_channel(0);
     latch_bridge();
     *outputs = sim.out;

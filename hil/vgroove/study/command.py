@@ -217,3 +217,64 @@ def impact_command(
     title = "the rig's own joint" if joint == "rig" else REFERENCE_JOINTS[joint].title
     files = prepare_files("impact", folder, json_path, png)
     finish(impact_study(tool, title, seconds, duty), files)
+
+
+@app.command("fixed-point")
+def fixed_point_command(
+    draws: Annotated[int, typer.Option(min=0, max=200, help="Drawn runs of each controller.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the drawn runs.")] = 1,
+    repeats: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Repetitions for the time on this computer.")
+    ] = 100,
+    folder: Folder = Path("study"),
+    json_path: JsonPath = None,
+    png: Png = False,
+) -> None:
+    """Filters and controllers with fixed point against floating point of the same source: errors,
+    state changes, time here, cycles on the simulated AVR.
+    """
+    from vgroove.progress import step_bar
+    from vgroove.report import prepare_files
+    from vgroove.study.fixed_point import fixed_point_study, study_ticks
+
+    files = prepare_files("fixed_point", folder, json_path, png)
+    with step_bar(study_ticks(draws)) as tick:
+        report = fixed_point_study(draws, seed, repeats, tick)
+    finish(report, files)
+
+
+@app.command("hil")
+def hil_command(
+    port: Annotated[
+        str | None,
+        typer.Option(help="Board with a build for real-time runs; without: a simulated one."),
+    ] = None,
+    tool: Annotated[
+        str, typer.Option(help="impact, drill, or both (simulated boards only).")
+    ] = "both",
+    pace: Annotated[
+        float,
+        typer.Option(min=0.01, max=1.0, help="Of a simulated board: its seconds in a real one."),
+    ] = 1.0,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.5, max=600.0, help="Length of each run in s.")
+    ] = None,
+    folder: Folder = Path("study"),
+    json_path: JsonPath = None,
+    png: Png = False,
+) -> None:
+    """The tool in real time against a board, compared with lock-step: jitter, execution time of a
+    step, late steps, first difference of the logs.
+    """
+    from vgroove.errors import VgrooveError
+    from vgroove.progress import step_bar
+    from vgroove.report import prepare_files
+    from vgroove.study.hil import hil_study, scenarios
+
+    if tool not in ("impact", "drill", "both") or (port and tool == "both"):
+        raise VgrooveError("--tool is impact or drill, or both for simulated boards")
+    tools = ("impact", "drill") if tool == "both" else (tool,)
+    files = prepare_files("hil", folder, json_path, png)
+    with step_bar(sum(len(list(scenarios(one))) for one in tools)) as tick:
+        report = hil_study(tools, port, pace, seconds, tick)
+    finish(report, files)

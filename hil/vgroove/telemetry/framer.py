@@ -1,6 +1,7 @@
 """Finds intact frames in a stream of bytes and counts what is damaged."""
 
 import struct
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 
 from vgroove.telemetry.frames import END, FRAME_BYTES, LENGTH, START, Frame, frame_crc
@@ -41,11 +42,11 @@ class Counters:
 
 class Framer:
     """Finds intact frames in a stream of bytes; after damage it continues at the next start byte
-    within the bytes received.
+    within the bytes received. A frame with an id that is not in `ids` counts as damaged.
     """
 
-    def __init__(self, counters: Counters | None = None) -> None:
-        self.counters = counters or Counters()
+    def __init__(self, counters: Counters | None = None, ids: Collection[int] = OUTBOUND) -> None:
+        self.counters, self._ids = counters or Counters(), ids
         self._held = bytearray()
 
     @property
@@ -93,7 +94,7 @@ class Framer:
             return None
         time_ms, _, frame_id = struct.unpack_from("<IBI", held, at + TIME_AT)
         data = bytes(held[at + DATA_AT : at + DATA_AT + LENGTH])
-        if frame_crc(time_ms, frame_id, data) != data[7] or frame_id not in OUTBOUND:
+        if frame_crc(time_ms, frame_id, data) != data[7] or frame_id not in self._ids:
             self.counters.corrupt += 1
             return None
         return Frame(time_ms, frame_id, data)

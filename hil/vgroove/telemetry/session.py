@@ -112,7 +112,7 @@ class Session:
     acks: list[dict[str, int]] = field(default_factory=list)
     health: dict[str, int] | None = None
     restarted: bool = False
-    first_ms: int | None = None  # of the first BOOT frame
+    first_ms: int | None = None  # of the first BOOT frame; without `needs_boot` of the first frame
     last_ms: int | None = None  # unwrapped
     _fast: list[tuple[int, Frame]] = field(default_factory=list)
     _held: dict[int, HeldSignals] = field(default_factory=_held_frames)
@@ -156,6 +156,8 @@ class Session:
             self._restart(frame)
             return
         self.last_ms = (self.last_ms or 0) + step
+        if self.first_ms is None and not self.needs_boot:
+            self.first_ms = self.last_ms
         if frame.id in self._held:
             self._held[frame.id].add(self.last_ms, decode(frame))
         if frame.id == FAST:

@@ -1,0 +1,85 @@
+"""Rows of two logs that are compared with each other: those of equal time, or log B interpolated at
+the times of log A.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.errors import VgrooveError
+from vgroove.log.table import Log
+from vgroove.log_compare.limits import DISCRETE, Limits
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Paired rows: times (n,) in s and the columns (n,) of both logs; `interpolated`: log B was
+    sampled at other instants; `only_a`, `only_b`: rows within the common range without a partner.
+    """
+
+    time_s: np.ndarray
+    a: dict[str, np.ndarray]
+    b: dict[str, np.ndarray]
+    interpolated: bool
+    only_a: int
+    only_b: int
+
+
+def values_at(log: Log, name: str, time_s: np.ndarray) -> np.ndarray:
+    """A column at other times (n,): straight lines between samples, for discrete quantities the
+    last sample; NaN outside the log.
+    """
+    inside = (time_s >= log.time_s[0]) & (time_s <= log.time_s[-1])
+    if name in DISCRETE:
+        last = np.searchsorted(log.time_s, time_s, side="right") - 1
+        return np.where(inside, log[name][np.maximum(last, 0)], np.nan)
+    known = np.isfinite(log[name])
+    if not known.any():
+        return np.full(len(time_s), np.nan)
+    values = np.interp(time_s, log.time_s[known], log[name][known])
+    return np.where(inside, values, np.nan)
+
+
+def pair_rows(a: Log, b: Log, limits: Limits) -> Pairs:
+    """The paired rows of two logs; VgrooveError where they have no common time or column."""
+    names = [name for name in a.columns if name in b.columns]
+    if not names:
+        raise VgrooveError(
+            f"{a.source} and {b.source} have no column in common: name columns with --map"
+        )
+    low, high = max(a.time_s[0], b.time_s[0]), min(a.time_s[-1], b.time_s[-1])
+    slack = limits.same_time_s
+    in_a = np.flatnonzero((a.time_s >= low - slack) & (a.time_s <= high + slack))
+    in_b = np.flatnonzero((b.time_s >= low - slack) & (b.time_s <= high + slack))
+    if not len(in_a) or not len(in_b):
+        raise VgrooveError(
+            f"{a.source} ({a.time_s[0]:g} to {a.time_s[-1]:g} s) and {b.source} "
+            f"({b.time_s[0]:g} to {b.time_s[-1]:g} s) have no common time: let both begin at the "
+            "same instant"
+        )
+    rows_a, rows_b = _same_times(a.time_s, b.time_s, in_a, slack)
+    if len(rows_a) >= limits.paired_share * min(len(in_a), len(in_b)):
+        return Pairs(
+            a.time_s[rows_a],
+            {name: a[name][rows_a] for name in names},
+            {name: b[name][rows_b] for name in names},
+            False,
+            len(in_a) - len(rows_a),
+            len(in_b) - len(rows_b),
+        )
+    time_s = a.time_s[in_a]
+    columns_b = {name: values_at(b, name, time_s) for name in names}
+    return Pairs(time_s, {name: a[name][in_a] for name in names}, columns_b, True, 0, 0)
+
+
+def _same_times(
+    time_a: np.ndarray, time_b: np.ndarray, rows: np.ndarray, slack_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of the rows of A those with a row of B at the same time, and these rows of B."""
+    after = np.clip(np.searchsorted(time_b, time_a[rows]), 1, max(1, len(time_b) - 1))
+    after = np.minimum(after, len(time_b) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer = np.abs(time_b[before] - time_a[rows]) <= np.abs(time_b[after] - time_a[rows])
+    nearest = np.where(nearer, before, after)
+    same = np.abs(time_b[nearest] - time_a[rows]) <= slack_s
+    return rows[same], nearest[same]

@@ -1,0 +1,106 @@
+"""Figures of a run in real time: period and jitter of the exchange, latency, execution time of the
+tool's step, overruns, losses, and the board's clock against the host's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from vgroove.real_time.exchange import Exchange, RealTimeRun
+
+TICK_S = 1e-3
+QUANTILES = (("median", 50.0), ("99 %", 99.0), ("99.9 %", 99.9), ("worst", 100.0))
+WINDOW = 250  # exchanges; the least delay of each enters the fit of the clocks
+LISTED = 20  # late steps named one by one
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """Host clock = board clock (1 + drift) + offset. Fitted to the least delay of each window, by
+    the median slope of all pairs (Theil-Sen), so that late exchanges do not enter. The offset
+    holds the least delay of an answer as well. `residual_s`: standard deviation about the line.
+    """
+
+    offset_s: float
+    drift: float
+    residual_s: float
+
+    def to_host(self, board_s: np.ndarray) -> np.ndarray:
+        """Times of the host's clock for times of the board's."""
+        return board_s * (1.0 + self.drift) + self.offset_s
+
+
+def fit_clock(host_s: np.ndarray, board_s: np.ndarray) -> ClockFit:
+    """Offset and drift of two clocks from the times (n,) of exchanges."""
+    delay = host_s - board_s
+    starts = range(0, len(delay), WINDOW)
+    least = np.array([k + int(np.argmin(delay[k : k + WINDOW])) for k in starts])
+    x, y = board_s[least], delay[least]
+    first, second = np.triu_indices(len(x), 1)
+    far = x[second] > x[first]
+    slopes = (y[second] - y[first])[far] / (x[second] - x[first])[far]
+    drift = float(np.median(slopes)) if len(slopes) else 0.0
+    offset = float(np.median(y - drift * x))
+    return ClockFit(offset, drift, float(np.std(y - drift * x - offset)))
+
+
+def quantiles(values: np.ndarray) -> dict[str, float]:
+    """Median, 99 %, 99.9 % and worst of values (n,)."""
+    return {name: float(np.percentile(values, share)) for name, share in QUANTILES}
+
+
+def timing_figures(run: RealTimeRun) -> dict[str, Any]:
+    """All figures of a run with at least two exchanges."""
+    exchanges = run.exchanges
+    received = np.array([e.received_s for e in exchanges])
+    board = np.array([e.board_s for e in exchanges])
+    tick = np.array([e.tick for e in exchanges])
+    clock_ticks = np.floor(board / TICK_S + 1e-6).astype(int)
+    period = np.diff(received)
+    held = np.diff(clock_ticks) - np.diff(tick)
+    # the answer to the command of tick k is in the command of tick k + 2
+    latency = clock_ticks[2:] - clock_ticks[:-2]
+    late = np.flatnonzero(held) + 1
+    clock = fit_clock(received, board)
+    corrupt, skipped = run.counters.corrupt, run.counters.skipped_bytes
+    return {
+        "exchanges": len(exchanges),
+        "period_s": quantiles(period),
+        "jitter_s": quantiles(np.abs(period - np.median(period))),
+        "step_s": quantiles(np.array([e.step_s for e in exchanges])),
+        "latency_ticks": quantiles(latency),
+        "held_ticks": int(held.sum()),
+        "late_steps": [{"tick": int(tick[k]), "held_ticks": int(held[k - 1])} for k in late],
+        "safe_after_ticks": run.safe_ticks,
+        "frames_damaged": corrupt,
+        "bytes_skipped": skipped,
+        "sent_again": run.sent_again,
+        "real_time_priority": run.prioritised,
+        "clock": {**asdict(clock), "drift_ppm": 1e6 * clock.drift},
+    }
+
+
+def timing_rows(exchanges: Sequence[Exchange], clock: dict[str, float]) -> list[list[float]]:
+    """Rows of the timing file: tick, host time, board time, board time on the host's clock, delay
+    beyond the least one, execution time of the step; times in s from the first exchange on.
+    """
+    fit = ClockFit(clock["offset_s"], clock["drift"], clock["residual_s"])
+    first = exchanges[0].received_s
+    rows = []
+    for e in exchanges:
+        corrected = float(fit.to_host(np.array(e.board_s)))
+        delay = e.received_s - corrected
+        rows.append([e.tick, e.received_s - first, e.board_s, corrected - first, delay, e.step_s])
+    return rows
+
+
+def late_sentence(figures: dict[str, Any]) -> str:
+    """Which steps were late, or that none was."""
+    late = figures["late_steps"]
+    if not late:
+        return "no step was late"
+    named = ", ".join(f"{step['tick']} (+{step['held_ticks']} ms)" for step in late[:LISTED])
+    more = f" and {len(late) - LISTED} more" if len(late) > LISTED else ""
+    return f"{len(late)} steps were late, the board waited at tick {named}{more}"

@@ -1,0 +1,230 @@
+"""`vgroove log compare`: first difference by column and time, the gap of each column, and whether
+resolution or timing explains it.
+"""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vgroove.errors import VgrooveError
+from vgroove.log import Log, write_csv
+from vgroove.log_compare import LIMITS, Comparison, compare_logs
+
+ROOT = Path(__file__).resolve().parents[2]
+VGROOVE = [sys.executable, "-m", "vgroove.cli"]
+ROWS, TICK_S = 2000, 1e-3
+LSB = {"current_a": 2.0**-9, "speed_rpm": 0.5, "supply_v": 0.025}
+
+
+def signals(time_s: np.ndarray) -> dict[str, np.ndarray]:
+    """Smooth quantities over time, all of them changing, and a state that changes three times."""
+    return {
+        "duty": np.round(255 * (0.5 + 0.3 * np.sin(9.0 * time_s))) / 255,
+        "current_a": 12.0 + 8.0 * np.sin(40.0 * time_s) + 3.0 * np.sin(170.0 * time_s),
+        "speed_rpm": 9000.0 + 3000.0 * np.sin(11.0 * time_s),
+        "supply_v": 18.0 + 0.4 * np.sin(23.0 * time_s),
+        "state": np.digitize(time_s, [0.31, 0.9, 1.5]).astype(float),
+    }
+
+
+def log_of(time_s: np.ndarray, signal_time_s: np.ndarray | None = None, name: str = "a") -> Log:
+    """A log with values on the grids of the board's columns."""
+    columns = signals(time_s if signal_time_s is None else signal_time_s)
+    for column, step in LSB.items():
+        columns[column] = step * np.round(columns[column] / step)
+    return Log(time_s, columns, name)
+
+
+def board_times() -> np.ndarray:
+    return TICK_S * np.arange(ROWS)
+
+
+def kinds(found: Comparison) -> dict[str, str]:
+    return {gap.name: gap.explanation for gap in found.signals}
+
+
+def vgroove(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*VGROOVE, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def test_equal_logs_have_no_difference() -> None:
+    found = compare_logs(log_of(board_times()), log_of(board_times()))
+    assert found.first is None
+    assert found.cause == "equal"
+    assert set(kinds(found).values()) == {"equal"}
+    assert found.equal_rows == ROWS
+
+
+def test_one_changed_sample_is_named_by_column_and_time() -> None:
+    other = log_of(board_times())
+    other.columns["speed_rpm"][1234] += 700.0
+    found = compare_logs(log_of(board_times()), other)
+    assert found.first.time_s == pytest.approx(1.234)
+    assert found.first.columns == ("speed_rpm",)
+    assert found.first.kind == "other"
+    assert found.cause == "input"
+    assert found.equal_rows == 1234
+    gap = next(g for g in found.signals if g.name == "speed_rpm")
+    assert (gap.differing, gap.largest) == (1, 700.0)
+    assert kinds(found)["current_a"] == "equal"
+
+
+def test_an_output_that_differs_at_equal_inputs_is_the_boards() -> None:
+    other = log_of(board_times())
+    other.columns["duty"][800:] += 0.2
+    other.columns["current_a"][801:] += 1.0
+    found = compare_logs(log_of(board_times()), other)
+    assert found.cause == "output"
+    assert found.first.columns == ("duty",)
+
+
+def test_an_input_and_an_output_that_differ_in_one_row_name_the_input_first() -> None:
+    other = log_of(board_times())
+    other.columns["duty"][800] += 0.2
+    other.columns["current_a"][800] += LSB["current_a"]
+    found = compare_logs(log_of(board_times()), other)
+    assert found.first.columns == ("current_a", "duty")
+    assert found.first.kind == "quantisation"
+    assert found.cause == "input"
+
+
+@pytest.mark.parametrize(
+    ("steps", "kind"), [(1.0, "quantisation"), (1.01, "other"), (2.0, "other")]
+)
+def test_quantisation_is_a_gap_of_one_step_at_most(steps: float, kind: str) -> None:
+    rng = np.random.default_rng(1)
+    other = log_of(board_times())
+    other.columns["current_a"] += steps * LSB["current_a"] * rng.integers(-1, 2, ROWS)
+    if steps == 1.01:  # on a grid too fine to be the resolution
+        other.columns["current_a"] += 0.001 * LSB["current_a"]
+    found = compare_logs(log_of(board_times()), other)
+    assert kinds(found)["current_a"] == kind
+
+
+def test_a_state_number_is_never_off_by_quantisation() -> None:
+    other = log_of(board_times())
+    other.columns["state"][700] += 1.0
+    assert kinds(compare_logs(log_of(board_times()), other))["state"] == "other"
+
+
+@pytest.mark.parametrize(("offset_s", "drift"), [(0.003, 0.0), (-0.0074, 0.0), (0.002, 2e-3)])
+def test_offset_and_drift_of_the_clocks_are_found(offset_s: float, drift: float) -> None:
+    time_s = board_times()
+    # what A shows at t, B shows at t + offset + drift (t - middle)
+    middle_s = time_s[-1] / 2
+    seen_s = middle_s + (time_s - middle_s - offset_s) / (1.0 + drift)
+    found = compare_logs(log_of(time_s), log_of(time_s, seen_s, "b"))
+    assert found.time_map.offset_s == pytest.approx(offset_s, abs=2e-5)
+    assert found.time_map.drift == pytest.approx(drift, abs=3e-5)
+    assert found.time_map.share > 0.97
+    assert kinds(found)["current_a"] == kinds(found)["speed_rpm"] == "timing"
+    state = next(g for g in found.signals if g.name == "state")
+    assert state.explanation == "timing"
+    assert abs(offset_s) - 2e-3 < state.worst_shift_s < abs(offset_s) + 4e-3
+
+
+def test_an_offset_outside_the_searched_range_is_not_used() -> None:
+    time_s = board_times()
+    later = log_of(time_s, time_s - 0.05, "b")
+    narrow = replace(LIMITS, max_shift_s=0.005)
+    assert compare_logs(log_of(time_s), later, narrow).time_map.share == 0.0
+    assert compare_logs(log_of(time_s), later).time_map.offset_s == pytest.approx(0.05, abs=2e-5)
+
+
+def test_noise_is_explained_by_nothing() -> None:
+    other = log_of(board_times())
+    other.columns["current_a"] += np.random.default_rng(2).normal(0.0, 1.0, ROWS)
+    found = compare_logs(log_of(board_times()), other)
+    assert found.time_map.share == 0.0
+    assert kinds(found)["current_a"] == "other"
+
+
+def test_rows_without_a_partner_are_counted() -> None:
+    keep = np.ones(ROWS, bool)
+    keep[[10, 500, 501]] = False
+    other = log_of(board_times()[keep])
+    found = compare_logs(log_of(board_times()), other)
+    assert (found.pairs.only_a, found.pairs.only_b) == (3, 0)
+    assert set(kinds(found).values()) == {"equal"}
+
+
+def test_a_value_that_is_missing_in_one_log_differs() -> None:
+    a, b = log_of(board_times()), log_of(board_times())
+    for log in (a, b):
+        log.columns["supply_v"][:5] = np.nan
+    b.columns["supply_v"][5] = np.nan
+    gap = next(g for g in compare_logs(a, b).signals if g.name == "supply_v")
+    assert (gap.differing, gap.missing) == (1, 1)
+    assert gap.first_s == pytest.approx(0.005)
+
+
+def test_other_sampling_instants_are_interpolated() -> None:
+    other_s = 0.0004 + 0.7e-3 * np.arange(int(ROWS / 0.7) - 2)
+    found = compare_logs(log_of(board_times()), log_of(other_s, None, "b"))
+    assert found.pairs.interpolated
+    gap = next(g for g in found.signals if g.name == "current_a")
+    assert 0.0 < gap.largest < 0.05
+    assert next(g for g in found.signals if g.name == "state").worst_shift_s < 1.001e-3
+
+
+@pytest.mark.parametrize("change", ["time", "columns"])
+def test_logs_with_nothing_in_common_are_refused(change: str) -> None:
+    other = log_of(board_times() + (100.0 if change == "time" else 0.0))
+    if change == "columns":
+        other.columns = {"position_rad": other["speed_rpm"], "voltage_v": other["supply_v"]}
+    with pytest.raises(VgrooveError, match="no (common time|column in common)"):
+        compare_logs(log_of(board_times()), other)
+
+
+def test_native_and_avr_runs_of_a_scenario_are_equal(tmp_path: Path) -> None:
+    scenario = tmp_path / "short.toml"
+    text = (ROOT / "scenarios/impact_hard_joint.toml").read_text()
+    scenario.write_text(
+        text.replace("../rigs", str(ROOT / "rigs")).replace("duration_s = 2.0", "duration_s = 0.7")
+    )
+    for on in ("sil", "avr"):
+        done = vgroove("run", scenario, "--on", on, "-o", tmp_path / f"{on}.csv")
+        assert done.returncode == 0, done.stderr
+    logs = (tmp_path / "sil.csv", tmp_path / "avr.csv")
+    done = vgroove("log", "compare", *logs, "--require", "equal", "--html", tmp_path / "page.html")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "equal bit for bit" in done.stdout
+    assert "equal bit for bit" in (tmp_path / "page.html").read_text()
+
+
+def test_the_command_writes_json_and_page_and_its_code_follows_require(tmp_path: Path) -> None:
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    time_s = board_times()
+    write_csv(log_of(time_s), a)
+    write_csv(log_of(time_s, time_s - 0.003), b)
+    outputs = ("--json", tmp_path / "gap.json", "--html", tmp_path / "gap.html")
+    done = vgroove("log", "compare", a, b, *outputs, "--require", "explained")
+    assert done.returncode == 0, done.stderr
+    data = json.loads((tmp_path / "gap.json").read_text())
+    assert data["schema"] == "vgroove.log_compare/1"
+    assert data["clock"]["offset_s"] == pytest.approx(0.003, abs=1e-5)
+    assert data["columns"]["current_a"]["explanation"] == "timing"
+    assert "3.000 ms later" in (tmp_path / "gap.html").read_text()
+    assert vgroove("log", "compare", a, b, "--require", "equal").returncode == 3
+    assert vgroove("log", "compare", a, b).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [(("--require", "same"), "equal or explained"), (("--max-shift", "-1"), "from 0 to 3600 s")],
+)
+def test_unusable_options_are_named(
+    options: tuple[str, ...], sentence: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.csv"
+    write_csv(log_of(board_times()), path)
+    done = vgroove("log", "compare", path, path, *options)
+    assert done.returncode == 2
+    assert sentence in done.stderr
