@@ -57,7 +57,7 @@ build: setup ## build host, the AVR builds and the bindings
 	$(call cmake_build,avr-uno-hil,vgroove)
 	$(call cmake_build,avr-uno-drill-hil,vgroove)
 
-demo: setup ## ELF on a simulated ATmega, a tool with a sealed effect, diagnosis: make demo SEED=n TOOL=drive|impact
+demo: setup ## board and tool with a sealed effect, diagnosis: SEED=n TOOL=drive|impact
 	$(call cmake_build,avr-uno,vgroove)
 	$(call cmake_build,dev,vgroove-board vgroove_truth)
 	@$(PY) tests/demo/demo.py --seed $(SEED) --tool $(or $(TOOL),drive)

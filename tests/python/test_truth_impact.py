@@ -238,7 +238,7 @@ def test_plan_has_every_effect_joint_and_regime_in_each_half() -> None:
 
 
 def test_sealed_tool_opens_by_its_commitment_and_differs_by_seed(tmp_path: Path) -> None:
-    kinds = {sealed_impact.draw_impact_answer(seed)["label"] for seed in (1, 4, 10)}
+    kinds = {sealed_impact.draw_impact_answer(seed)["label"] for seed in (1, 6, 8)}
     assert kinds == {"effect", "none", "unlisted"}
     drawn = sealed_impact.draw_sealed_impact(4, tmp_path)
     answer = sealed.open_sealed(drawn.path, drawn.commitment)

@@ -12,7 +12,7 @@ from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.residual.impact.problem import ImpactProblem
-from vgroove.gap.residual.loading import RESTART_S, load_problem
+from vgroove.gap.residual.loading import RESTART_S, load_problem, with_clip
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.log import Log
@@ -34,8 +34,9 @@ def compute_gap(
     Residuals are clipped as the rig's table [clip] states, else as computed from this rig.
     VgrooveError, unless options.as_is, where a column compares no sample.
     """
-    joints = options.joints
-    problem = load_problem(logs, rig, restart_s, stated_clip=True, joints=joints)
+    problem = load_problem(logs, rig, restart_s, joints=options.joints)
+    if rig.clip:
+        problem = with_clip(problem, rig.clip)
     if not options.as_is:
         refuse_uncompared(problem)
     residual = problem.residuals(problem.theta0)[0]

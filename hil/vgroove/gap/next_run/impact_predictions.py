@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove import _core
+from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue import JOINTS
 from vgroove.gap.next_run.menu import IMPACT_MENU, RunProfile, time_grid
 from vgroove.gap.residual.impact.impact_run import prepare_impact_run
@@ -45,7 +46,7 @@ def predicted_statistics(
     log = Log(time_s, {problem.rig.input["kind"]: profile.command(time_s)}, profile.name)
     try:
         run = prepare_impact_run(_recorded(problem, rig, log, profile, plant[:1]), rig)
-    except (RuntimeError, ValueError):
+    except (RuntimeError, ValueError, VgrooveError):
         return np.full((len(theta), 1), FAILED)
     return run.flat(simulate_statistics(run, plant) / run.sigma)
 

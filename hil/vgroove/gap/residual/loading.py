@@ -33,13 +33,10 @@ def load_problem(
     rig: Rig,
     restart_s: float = RESTART_S,
     threads: int = 2,
-    stated_clip: bool = False,
     joints: Sequence[Rig] = (),
 ) -> Problem:
     """Problem of one tool's logs (Log objects or paths) and a rig; long logs are reduced
-    (cleaning/long_logs.py). stated_clip: clip the residuals
-    where the rig's table [clip] states it, not from the residuals of this rig. joints: for each log
-    of a hammering tool the rig with its own joint.
+    (cleaning/long_logs.py). joints: for each log of a hammering tool the rig with its own joint.
 
     VgrooveError when the rig's input column is missing, nothing else is measured, the plant cannot
     follow the rig along a log, or the rig's mechanism or load is not simulated.
@@ -53,16 +50,14 @@ def load_problem(
     for log in logs:
         _check_magnitudes(log)
     if rig.mechanism["kind"] == "impact":
-        return with_clip(
-            load_impact_problem(logs, rig, threads, joints), rig.clip if stated_clip else {}
-        )
+        return with_clip(load_impact_problem(logs, rig, threads, joints), {})
     logs = reduce_long_logs(logs, rig)
     runs = tuple(prepare_run(log, rig, restart_s) for log in logs)
     longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
     problem = join_runs(rig, runs, longest_s, threads)
     _check_reach(problem)
     aligned = problem.with_angles(align_angles(problem, problem.theta0, problem.angles))
-    return with_clip(aligned, rig.clip if stated_clip else {})
+    return with_clip(aligned, {})
 
 
 def with_clip(problem: Problem, stated: Mapping[str, float]) -> Problem:

@@ -11,7 +11,7 @@ from vgroove.gap.residual.impact.harmonics import fundamental_hz
 
 @dataclass(frozen=True)
 class WindowRules:
-    """How a log is cut into windows; chosen on simulated runs (tests/python/test_impact_gap.py)."""
+    """How a log is cut into windows; chosen on simulated runs."""
 
     cycles: float = 4.0  # length of a window, in cycles of the log
     search_s: float = 0.25  # length of the stretches in which the log's frequency is searched
