@@ -4,7 +4,6 @@ loads come from the catalogue.
 
 from vgroove.gap.catalogue import BY_ID, LOADS
 from vgroove.gap.catalogue.keys import Key, between, choice, flag, whole
-from vgroove.gap.catalogue.statistics import STATISTIC_NAMES
 
 JUDGED_COLUMNS = ("current_a", "supply_v", "speed_rpm", "position_rad")
 # The ranges include motors from 0.3 W (5e-10 kg m2, 0.5 mN m/A, 100 ohm) to hundreds of kilowatts,
@@ -43,7 +42,7 @@ SECTIONS: dict[str, dict[str, Key]] = {
         "position_lsb_rad": between(0, 1e3).optional(),
         "clock_ppm": between(0.01, 1e5).optional(),
     },
-    "clip": {column: between(1, 1e12).optional() for column in (*JUDGED_COLUMNS, *STATISTIC_NAMES)},
+    "clip": {column: between(1, 1e12).optional() for column in JUDGED_COLUMNS},
 }
 
 MECHANISMS: dict[str, dict[str, Key]] = {

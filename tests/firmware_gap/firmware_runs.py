@@ -13,11 +13,11 @@ TRUTH = Path(__file__).resolve().parents[1] / "truth"
 if str(TRUTH) not in sys.path:
     sys.path.insert(0, str(TRUTH))
 
-from impact import ImpactTruthTool  # noqa: E402
 from impact_cases import hidden_state  # noqa: E402
 from impact_effects import split  # noqa: E402
 from impact_joints import slip_torque  # noqa: E402
 from impact_rigs import ImpactRig, impact_params  # noqa: E402
+from impact_tool import ImpactTruthTool  # noqa: E402
 
 from vgroove import telemetry  # noqa: E402
 from vgroove.board import PERIOD_S, BoardInputs, BoardOutputs  # noqa: E402

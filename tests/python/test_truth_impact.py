@@ -20,7 +20,6 @@ if str(TRUTH) not in sys.path:
 import impact_plan  # noqa: E402
 import make_impact_cases  # noqa: E402
 import sealed_impact  # noqa: E402
-from impact import ImpactGenerator, ImpactRun, SlipTorque  # noqa: E402
 from impact_cases import ImpactSetting, effect_params, log_columns, simulate  # noqa: E402
 from impact_effects import BY_ID, CATALOGUE, MECHANISM, OUTSIDE_IDS  # noqa: E402
 from impact_forms import FORMS  # noqa: E402
@@ -34,6 +33,7 @@ from impact_rigs import (  # noqa: E402
     locked_rig,
     reference_rig,
 )
+from impact_tool import ImpactGenerator, ImpactRun, SlipTorque  # noqa: E402
 from impact_visible import reference_of, visible_limit  # noqa: E402
 
 SECONDS = 1.2

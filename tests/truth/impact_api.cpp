@@ -308,7 +308,7 @@ int truth_impact_blows(const ImpactTool *tool, double *out, int most) {
     return static_cast<int>(tool->blows.size());
 }
 
-// States and energies for the tests, in the order of INSIDE in impact.py.
+// States and energies for the tests, in the order of INSIDE in impact_tool.py.
 void truth_impact_inside(const ImpactTool *tool, double *out) {
     const double values[8] = {tool->time_s,
                               tool->motor_speed(),

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from impact import ImpactGenerator, ImpactRun
 from impact_effects import BY_ID, split
 from impact_forms import other_form
 from impact_joints import Roughness, slip_torque
 from impact_rigs import ImpactRig, impact_params
+from impact_tool import ImpactGenerator, ImpactRun
 from profiles import Profile, command, held, sampled
 from signals import Sensors, noisy
 from truth import Command

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from impact import SlipTorque
 from impact_rigs import ImpactRig
+from impact_tool import SlipTorque
 
 STEP_RAD = np.radians(0.5)
 TURN = 2.0 * np.pi

@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from impact import ImpactTruthTool
 from impact_cases import ImpactSetting, effect_params, hidden_state
 from impact_effects import BY_ID, OUTSIDE_IDS, accepted, split
 from impact_joints import slip_torque
 from impact_rigs import impact_params, reference_rig
+from impact_tool import ImpactTruthTool
 from impact_visible import largest, reference_of, visible_limit
 from profiles import Profile
 from sealed import BOARD, TOOL_NOISE, Sealed, write_sealed

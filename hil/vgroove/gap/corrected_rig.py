@@ -10,11 +10,13 @@ from vgroove.gap.residual.problem import Problem
 from vgroove.gap.result import Verdict
 from vgroove.gap.verdict.json_values import as_json
 from vgroove.rig import Rig
+from vgroove.rig_keys import SECTIONS
 
 
 def corrected_rig(verdict: Verdict) -> Rig:
     """The rig with the retuned values, rounded as in the verdict's JSON, the effects of the
-    reported fit, and the clip of each signal's residuals.
+    reported fit, and the clip of each column's residuals (a rig has none for statistics of impact
+    cycles).
 
     A parameter that is a key of another effect in a rig (stiffness and damping of the flanks of a
     play are keys of coupler_compliance) adds the table of that effect.
@@ -25,7 +27,7 @@ def corrected_rig(verdict: Verdict) -> Rig:
     )
     effects = {i: effect_table(problem, fit, i) for i in owners}
     values = as_json(verdict.retuned_parameters)
-    clip = {column: one.clip for column, one in verdict.gap.by_signal.items()}
+    clip = {n: one.clip for n, one in verdict.gap.by_signal.items() if n in SECTIONS["clip"]}
     return problem.rig.with_values(values).with_effects(effects).with_clip(as_json(clip))
 
 

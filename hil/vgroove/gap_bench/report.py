@@ -138,7 +138,8 @@ def bench_channel_rows(rates: dict[str, Any]) -> list[list[str]]:
         ("without_bench_channels", "right, drive signals alone", "85 %"),
         ("with_bench_channels", "right, with channels of a test bench", "92 %"),
     )
-    return [[words, share(rates[key]), goal] for key, words, goal in rows if rates[key]["of"]]
+    found = [(words, rates.get(key), goal) for key, words, goal in rows]
+    return [[words, share(one), goal] for words, one, goal in found if one and one["of"]]
 
 
 def cost_rows(name: str, cost: dict[str, Any]) -> list[list[str]]:

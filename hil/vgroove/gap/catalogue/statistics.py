@@ -17,22 +17,13 @@ class ColumnStatistics:
     harmonics: int
 
 
-# An anvil torque of 1 kHz rows holds a blow of 0.3 ms by chance: its scatter is no statistic. The
-# angle of the anvil adds up the roughness of the joint: its rise, not its level, is one.
+# The torque at the anvil is no statistic: rows of 1 kHz hold a blow of 0.3 ms by chance. The angle
+# of the anvil adds up the roughness of the joint: its rise, not its level, is one.
 STATISTICS = {
     "current_a": ColumnStatistics("A", (LEVEL, RISE, SCATTER), 4),
     "speed_rpm": ColumnStatistics("rpm", (LEVEL, RISE), 3),
     "supply_v": ColumnStatistics("V", (LEVEL, RISE), 2),
     "hammer_mm": ColumnStatistics("mm", (LEVEL,), 3),
     "anvil_angle_rad": ColumnStatistics("rad", (RISE,), 0),
-    "anvil_torque_nm": ColumnStatistics("N m", (LEVEL,), 0),
 }
 HARMONICS = max(one.harmonics for one in STATISTICS.values())
-STATISTIC_NAMES = (
-    PERIOD,
-    *(
-        f"{column}.{kind}"
-        for column, one in STATISTICS.items()
-        for kind in (*one.names, *((SHAPE,) if one.harmonics else ()))
-    ),
-)

@@ -129,7 +129,6 @@ IMPACT_MENU: tuple[RunProfile, ...] = (
         for column, what in (
             ("hammer_mm", "displacement of the hammer"),
             ("anvil_angle_rad", "angle of the anvil"),
-            ("anvil_torque_nm", "torque at the anvil"),
         )
     ),
 )

@@ -17,6 +17,7 @@ from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual import angle_alignment
+from vgroove.gap.residual.impact.problem import OF_LOG
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
@@ -83,9 +84,8 @@ class Estimate:
     def retuned_parameters(self) -> dict[str, float]:
         """Fitted values of the rig keys that have a tolerance, in their own units."""
         theta = self.fit.theta(self.engine.problem.theta0)
-        of_rig = self.engine.problem.rig.tolerance
         found = {c.name: float(theta[c.columns[0]]) for c in self.engine.nuisance}
-        return {name: value for name, value in found.items() if name in of_rig}
+        return {name: value for name, value in found.items() if OF_LOG not in name}
 
 
 def estimate_of(search: Search, one: Fit) -> Estimate:

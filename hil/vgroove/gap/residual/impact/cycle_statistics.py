@@ -32,6 +32,7 @@ REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamenta
 # no sensor keeps its scale, more closely from run to run
 REPEATABILITY = 1e-3
 NOISE_LEFT = 0.88  # RMS of unit white noise after interpolated(), over all places between rows
+SAMPLED = ("hammer_mm", "anvil_angle_rad")  # columns that are no means over the row
 MIN_CYCLES = 2.5  # of a window, which is about four cycles of the log long
 MIN_SIGNAL = 3.0  # standard deviations by which the fundamental of a cycle stands out
 MAX_RISE = 2.0  # rise of the reference over a window with a cycle, in amplitudes of its fundamental
@@ -155,6 +156,9 @@ class CycleReader:
         left = self._variances(fit, np.maximum(fit.scatter, noise) ** 2)
         values = self.statistics(fit, False)[0]
         ratio = scatter_between_windows(values) / np.median(left, axis=0)
+        # values at the rows' ends, whose place in the cycle may be the same in all windows
+        sampled = np.array([part.column in SAMPLED for part in self.parts])
+        ratio = np.where(sampled, np.maximum(ratio, 1.0), ratio)
         of_level = np.array([part.kind in (LEVEL, PERIOD) for part in self.parts])
         found = np.maximum(left * ratio, least) + (REPEATABILITY * of_level * values) ** 2
         of_cycle = np.array([part.kind not in (LEVEL, RISE) for part in self.parts])

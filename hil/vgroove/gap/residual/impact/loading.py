@@ -12,7 +12,7 @@ from vgroove.gap.catalogue.statistics import PERIOD, SHAPE
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.impact.cycle_statistics import StatisticPart
 from vgroove.gap.residual.impact.impact_run import PLACES, ImpactRun, prepare_impact_run
-from vgroove.gap.residual.impact.problem import ImpactProblem, OwnValue
+from vgroove.gap.residual.impact.problem import OF_LOG, ImpactProblem, OwnValue
 from vgroove.gap.residual.impact.roll_outs import (
     MODE,
     PARAMETERS,
@@ -82,7 +82,7 @@ def own_values(
         values = []
         for name, value in mine.items():
             sigma = rig.tolerance.get(name, 0.0)
-            own = OwnValue(column, PARAMETERS.index(name), f"{name}, log {j + 1}", sigma)
+            own = OwnValue(column, PARAMETERS.index(name), f"{name}{OF_LOG}{j + 1}", sigma)
             values.append((own, value))
             column += 1
         found.append(values)

@@ -28,6 +28,7 @@ from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.log import Log
 
 DRIVING = ("duty", "voltage_v", "coast", "load_nm")  # columns that drive the model
+OF_LOG = ", log "  # in the name of a value that one log has for itself
 SETS_AT_ONCE = 8  # parameter sets that a thread simulates at once
 
 
