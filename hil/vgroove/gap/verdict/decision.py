@@ -55,15 +55,12 @@ class Finding:
 def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -> Finding:
     """The verdict from the selected set, its rivals and the remainder.
 
-    A gap that retuning brings down to the noise is none. A set that leaves no significant remainder
-    is named as it was selected. Of any other set the
+    A set that leaves no significant remainder is named as it was selected. Of any other set the
     established members are named, with further effects that are established beside them. Where
     nothing is established, the set is named if it ends near the noise and closes enough, and the
     gap is unlisted otherwise.
     """
     search, best = selection.search, selection.best
-    if search.reported_gap(search.retuned) <= search.floor:
-        return Finding("none", search.retuned, [], remainder)
     if best.ids and stands_for_excluded(search, best):
         return Finding("unlisted", best, [], remainder)
     if not remainder.significant or (best.ids and not leaves_visible_gap(search, best)):
