@@ -121,6 +121,46 @@ def measured_cases(result: dict[str, Any]) -> list[str]:
     ]
 
 
+def hammering_tool(name: str) -> list[str]:
+    """Right verdicts on the blind set of the hammering tool, over its two regimes together."""
+    result = read(name)
+    first, last = result["numbers"]
+    regimes = [result["rates"][r] for r in ("exact", "loose") if r in result["rates"]]
+    rows = []
+    for kind, words in GROUPS.items():
+        cells = [r[kind] for r in regimes if r[kind]["of"]]
+        if cells:
+            hits, of = sum(c["hits"] for c in cells), sum(c["of"] for c in cells)
+            rows.append((words, f"{hits} of {of}"))
+    rates = result["rates"]
+    for key, words in (
+        ("without_bench_channels", "all kinds, drive signals alone"),
+        ("with_bench_channels", "all kinds, with channels of a test bench"),
+        ("sure_and_wrong", "wrong name with a probability of 0.9 or more"),
+        ("false_alarms", "an effect named where there is none"),
+        ("failed", "no verdict"),
+    ):
+        rows.append((words, rate(rates[key])))
+    closed = result["closed"]["closed"]["median"]
+    rows.append(("gap closed by right verdicts, median", f"{closed:.2f}" if closed else "-"))
+    seconds = result["cost"]["cpu_seconds"]
+    rows.append(("processor time of a diagnosis, median and maximum, s", seconds_text(seconds)))
+    return [
+        "## Blind set of the diagnosis, hammering tool, half `report`",
+        "",
+        f"The cases {first} to {last} ([gap_bench](gap_bench.md)), engine {result['engine']}:",
+        f"`vgroove gap bench --impact --set report --number {first} ... --number {last}`.",
+        "",
+        *table(("cases", "right, or as the row says"), rows),
+        "",
+    ]
+
+
+def seconds_text(cost: dict[str, float]) -> str:
+    """Median and maximum of a cost."""
+    return f"{cost['median']:.0f}, {cost['most']:.0f}"
+
+
 def measured_regime(name: str) -> list[str]:
     """Rates and calibration of the regime `measured`."""
     result = read(name)
@@ -393,6 +433,7 @@ def page() -> str:
         blind_set("gap_bench_tune"),
         measured_regime("gap_bench_measured_further"),
         measured_regime("gap_bench_measured"),
+        hammering_tool("gap_bench_impact"),
         growth(),
         speed(),
         trap(),
