@@ -73,7 +73,9 @@ def cut_windows(
     near = np.tile(np.median(found) * np.array(RULES.around_usual), (len(found), 1))
     found = fundamental_hz(stretches, weight, row_s, near)
     period_s = float(np.median(1.0 / found))
-    size = max(RULES.min_rows, round(RULES.cycles * period_s / row_s))
+    # a short log gets its least number of windows, though of fewer cycles
+    most = np.count_nonzero(driven) // (RULES.min_windows + 1)
+    size = max(RULES.min_rows, min(round(RULES.cycles * period_s / row_s), most))
     first = np.arange(begin, end - size + 1, size)
     # the run-down after a release depends on the phase of the hammer at the release
     first = first[driven[first[:, None] + np.arange(size)].all(axis=1)]

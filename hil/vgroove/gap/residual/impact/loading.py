@@ -100,7 +100,7 @@ def _nominal(run: ImpactRun, theta: np.ndarray) -> dict[str, np.ndarray]:
 
 def _joined(rig: Rig, runs: tuple[ImpactRun, ...], threads: int) -> ImpactProblem:
     """The arrays of all logs, statistic by statistic and window by window."""
-    names = list(dict.fromkeys(p.signal for run in runs for p in run.reader.parts))
+    names = judged_signals(runs)
     units = {p.signal: p.unit for run in runs for p in run.reader.parts}
     kinds = (*KINDS.values(), OTHER_KIND)
     regimes = tuple(f"{kind}, {place}" for kind in kinds for place in PLACES)
@@ -125,6 +125,25 @@ def _joined(rig: Rig, runs: tuple[ImpactRun, ...], threads: int) -> ImpactProble
     )
 
 
+def judged_signals(runs: Sequence[ImpactRun]) -> list[str]:
+    """Signals of which any statistic is judged; VgrooveError where there is none. An irregular
+    motion, whose cycles are longer than a window, has levels alone.
+    """
+    found = dict.fromkeys(
+        part.signal
+        for run in runs
+        for k, part in enumerate(run.reader.parts)
+        if np.isfinite(run.sigma[:, k]).any()
+    )
+    if not found:
+        sources = ", ".join(str(run.log.source) for run in runs)
+        raise VgrooveError(
+            f"{sources}: nothing to judge: all statistics depend on the start angle of the hammer; "
+            "record a longer run"
+        )
+    return list(found)
+
+
 def _residual_table(
     j: int, run: ImpactRun, names: Sequence[str], regimes: Sequence[str]
 ) -> dict[str, np.ndarray]:
@@ -134,8 +153,9 @@ def _residual_table(
     time_s = np.asarray(run.log.time_s, float)[row]
     block = run.blocks.of(time_s.ravel()).reshape(row.shape)
     place = np.arange(windows.count) * len(PLACES) // windows.count
+    place_of = {name: k for k, name in enumerate(names)}
     table = {
-        "signal": np.tile([names.index(p.signal) for p in parts], (windows.count, 1)),
+        "signal": np.tile([place_of.get(p.signal, -1) for p in parts], (windows.count, 1)),
         "log": np.full(row.shape, j),
         "row": row,
         "time_s": time_s,
