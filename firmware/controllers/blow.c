@@ -157,7 +157,9 @@ static int16_t most_angle(const Blow *self) {
 
 // Integrates angle and current; a lug passed without a valley is counted before the next valley.
 static void collect(Blow *self, int16_t current_a_q9) {
-    self->charge_q1 = (int16_t)(self->charge_q1 + (current_a_q9 >> 8));
+    if (self->since_ms < SINCE_MAX_MS) {  // else the sum would exceed its range
+        self->charge_q1 = (int16_t)(self->charge_q1 + (current_a_q9 >> 8));
+    }
     self->angle =
         (int16_t)(self->angle + (int16_t)((uint16_t)(4u * (uint16_t)self->speed_rpm) >> 8));
     self->angle = self->angle > ANGLE_MAX ? ANGLE_MAX : self->angle;
@@ -320,8 +322,9 @@ static void judge(Blow *self, const BlowSetpoints *set) {
     self->hit_angle = self->angle;
 }
 
-// Does the computation that the last tick left: one per tick distributes the cycles. The means wait
-// for a tick without a Hall edge, whose speed needs a division as well.
+// Computes the next of the values that a blow requires, one a tick, so that no tick exceeds its
+// cycles. The means need a division: they wait for a tick without a Hall edge, because an edge
+// needs one too, for the speed.
 INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set, bool edge) {
     const Work due = (Work)self->work;
     if (due == WORK_MEANS && edge && self->since_ms < MEANS_LATEST_MS) {

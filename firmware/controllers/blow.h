@@ -60,7 +60,7 @@ typedef struct {
     uint8_t last_fraction_q4;        // of a tick, from crossing the hysteresis to the tick's end
     uint8_t since_ms, since_hit_ms;  // time since the last blow, since the last valley
     int16_t angle, hit_angle;        // since the last blow; at the last valley. rpm ms / 64
-    int16_t charge_q1;               // integral of the current since the last blow, A ms
+    int16_t charge_q1;               // current integrated over time since the last blow, A ms
     int16_t late_angle;              // share of the last blow's angle that belongs to the next one
     int16_t last_angle;              // at the last blow
     int16_t lug_angle, mean_angle;   // from lug to lug: least, learned

@@ -210,6 +210,19 @@ TEST_P(BlowSources, ConstantSpeedHasNoBlow) {
     EXPECT_FALSE(blow.impacting);
 }
 
+TEST(Blow, TheIntegralOfTheCurrentStaysInRangeWithoutABlow) {
+    for (const int16_t extreme : std::vector<int16_t>{INT16_MAX, INT16_MIN}) {
+        Blow blow{};
+        blow_start(&blow, &SPEED);
+        ControllerInputs in = measured(8000);
+        in.current_a_q9 = extreme;
+        for (int ms = 0; ms < 3000; ++ms) {
+            blow_step(&blow, &SPEED, &in);
+            ASSERT_EQ(blow.charge_q1 > 0, extreme > 0) << ms;
+        }
+    }
+}
+
 TEST_P(BlowSources, ARunUpHasNoBlow) {
     for (int ms = 0; ms < 400; ++ms) {
         const ControllerInputs in = measured(
