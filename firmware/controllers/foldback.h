@@ -4,9 +4,10 @@
 // Integral controller on the excess of the current over the limit. The integral is a change of the
 // duty: it is negative after a driving current, positive after a braking one, and returns to 0 once
 // the current is below the limit. Two ticks pass between a duty and the mean current that it
-// causes. The plant's gain G is at most Vs / R = 20.5 V / 0.19 ohm = 108 A per unit duty, since the
-// electrical time constant of 0.5 ms is below a tick. The closed loop z^2 (z - 1) + g G is stable
-// for g G < 0.618; g = 0.0025 per A and tick gives 0.27.
+// causes. The electrical time constant of 0.5 ms is below a tick, so that the plant is a gain G
+// from duty to current, at most Vs / R = 20.5 V / 0.19 ohm = 108 A per unit duty. With the
+// controller's gain g the characteristic polynomial is z^2 (z - 1) + g G, stable for g G < 0.618; g
+// = 0.0025 per A and tick gives 0.27.
 #ifndef VGROOVE_CONTROLLERS_FOLDBACK_H
 #define VGROOVE_CONTROLLERS_FOLDBACK_H
 

@@ -277,8 +277,8 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
     }
 }
 
-// Duty while impacting: a share of the trigger's duty plus a quarter of the least duty, at least
-// the least duty, at most 17/8 of it: at a higher duty the blows cause no ripple of the speed.
+// Duty while impacting: a share of the trigger's duty plus a quarter of the least duty. Limits: the
+// least duty, and 17/8 of it, above which blows are not detected because the speed has no ripple.
 static uint16_t requested_q15(const Screwing *self, int16_t travel_q15) {
     const uint16_t least = (uint16_t)self->least_q15,
                    share = (uint16_t)(2u * (uint16_t)self->share_q15);

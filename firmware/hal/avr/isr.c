@@ -62,61 +62,49 @@ ISR(ADC_vect) {
 }
 
 // app_on_received() in assembly: a command takes six of these within a tick. Prepares the ADC as
-// prepare_if_due() does. Interrupts do not nest, so GPIOR1 and GPIOR2 keep Z; SREG and r24 go on
-// the stack.
+// prepare_if_due() does.
 ISR(BOARD_RX_vect, ISR_NAKED) {
     __asm__ volatile(
-        "out %[keep_low], r30\n\t"
-        "out %[keep_high], r31\n\t"
-        "push r24\n\t"
-        "in r24, __SREG__\n\t"
-        "push r24\n\t"
-        "lds r24, %[adcsra]\n\t"
-        "sbrs r24, %[adif]\n\t"
-        "rjmp 1f\n\t"
-        "lds r24, %[channel]\n\t"
-        "ori r24, %[reference]\n\t"
-        "sts %[admux], r24\n\t"
-        "sbi %[tifr], %[tov]\n\t"
-        "1: lds r31, %[status]\n\t"  // error flags, read before the data
-        "lds r24, %[data]\n\t"
-        "andi r31, %[damaged]\n\t"
-        "brne 3f\n\t"
-        "lds r31, %[tail]\n\t"
-        "lds r30, %[head]\n\t"
-        "subi r31, -%[size]\n\t"
-        "cp r31, r30\n\t"
-        "breq 4f\n\t"
-        "mov r31, r30\n\t"
-        "inc r31\n\t"
-        "sts %[head], r31\n\t"
-        "andi r30, %[size] - 1\n\t"
-        "ldi r31, 0\n\t"
-        "subi r30, lo8(-(%[items]))\n\t"
-        "sbci r31, hi8(-(%[items]))\n\t"
-        "st Z, r24\n\t"
-        "2: pop r24\n\t"
-        "out __SREG__, r24\n\t"
-        "pop r24\n\t"
-        "in r31, %[keep_high]\n\t"
-        "in r30, %[keep_low]\n\t"
-        "reti\n\t"
-        "3: lds r24, %[errors]\n\t"  // saturates at 255
-        "inc r24\n\t"
-        "breq 2b\n\t"
-        "sts %[errors], r24\n\t"
-        "rjmp 2b\n\t"
-        "4: ldi r24, 1\n\t"  // queue full: off until hal_uart_receive
-        "sts %[refuses], r24\n\t"
-        "lds r24, %[control]\n\t"
-        "andi r24, %[silent]\n\t"
-        "sts %[control], r24\n\t"
-        "rjmp 3b\n\t"
+        AVR_ISR_BEGIN "lds r24, %[adcsra]\n\t"
+                      "sbrs r24, %[adif]\n\t"
+                      "rjmp 1f\n\t"
+                      "lds r24, %[channel]\n\t"
+                      "ori r24, %[reference]\n\t"
+                      "sts %[admux], r24\n\t"
+                      "sbi %[tifr], %[tov]\n\t"
+                      "1: lds r31, %[status]\n\t"  // error flags, read before the data
+                      "lds r24, %[data]\n\t"
+                      "andi r31, %[damaged]\n\t"
+                      "brne 3f\n\t"
+                      "lds r31, %[tail]\n\t"
+                      "lds r30, %[head]\n\t"
+                      "subi r31, -%[size]\n\t"
+                      "cp r31, r30\n\t"
+                      "breq 4f\n\t"
+                      "mov r31, r30\n\t"
+                      "inc r31\n\t"
+                      "sts %[head], r31\n\t"
+                      "andi r30, %[size] - 1\n\t"
+                      "ldi r31, 0\n\t"
+                      "subi r30, lo8(-(%[items]))\n\t"
+                      "sbci r31, hi8(-(%[items]))\n\t"
+                      "st Z, r24\n\t"
+                      "2: " AVR_ISR_END "3: lds r24, %[errors]\n\t"  // saturates at 255
+                      "inc r24\n\t"
+                      "breq 2b\n\t"
+                      "sts %[errors], r24\n\t"
+                      "rjmp 2b\n\t"
+                      "4: ldi r24, 1\n\t"  // queue full: off until hal_uart_receive
+                      "sts %[refuses], r24\n\t"
+                      "lds r24, %[control]\n\t"
+                      "andi r24, %[silent]\n\t"
+                      "sts %[control], r24\n\t"
+                      "rjmp 3b\n\t"
         :
-        : [keep_low] "I"(_SFR_IO_ADDR(GPIOR1)), [keep_high] "I"(_SFR_IO_ADDR(GPIOR2)),
-          [control] "n"(_SFR_MEM_ADDR(UCSR0B)), [silent] "n"((uint8_t) ~(1u << RXCIE0)),
-          [refuses] "i"(&avr_app.uart.refuses), [adcsra] "n"(_SFR_MEM_ADDR(ADCSRA)),
-          [adif] "I"(ADIF), [channel] "i"(&avr_app.adc.next_channel), [reference] "M"(1u << REFS0),
+        : AVR_ISR_KEEP, [control] "n"(_SFR_MEM_ADDR(UCSR0B)),
+          [silent] "n"((uint8_t) ~(1u << RXCIE0)), [refuses] "i"(&avr_app.uart.refuses),
+          [adcsra] "n"(_SFR_MEM_ADDR(ADCSRA)), [adif] "I"(ADIF),
+          [channel] "i"(&avr_app.adc.next_channel), [reference] "M"(1u << REFS0),
           [admux] "n"(_SFR_MEM_ADDR(ADMUX)), [tifr] "I"(_SFR_IO_ADDR(TIFR0)), [tov] "I"(TOV0),
           [status] "n"(_SFR_MEM_ADDR(UCSR0A)), [data] "n"(_SFR_MEM_ADDR(UDR0)),
           [damaged] "M"((1u << FE0) | (1u << DOR0)), [tail] "i"(&avr_app.uart.receive.tail),
@@ -125,42 +113,32 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
 }
 
 // app_on_ready() in assembly, 20,000 times a second: the registers that the compiler saves cost a
-// third more. Interrupts do not nest, so GPIOR1 and GPIOR2 keep Z; SREG and r24 go on the stack.
+// third more.
 ISR(BOARD_UDRE_vect, ISR_NAKED) {
-    __asm__ volatile("out %[keep_low], r30\n\t"
-                     "out %[keep_high], r31\n\t"
-                     "push r24\n\t"
-                     "in r24, __SREG__\n\t"
-                     "push r24\n\t"
-                     "lds r30, %[tail]\n\t"
-                     "lds r24, %[head]\n\t"
-                     "cp r24, r30\n\t"
-                     "breq 2f\n\t"
-                     "mov r24, r30\n\t"
-                     "inc r24\n\t"
-                     "cpi r24, %[end]\n\t"
-                     "brne 3f\n\t"
-                     "ldi r24, 0\n\t"
-                     "3: sts %[tail], r24\n\t"
-                     "ldi r31, 0\n\t"
-                     "subi r30, lo8(-(%[items]))\n\t"
-                     "sbci r31, hi8(-(%[items]))\n\t"
-                     "ld r24, Z\n\t"
-                     "sts %[data], r24\n\t"
-                     "1: pop r24\n\t"
-                     "out __SREG__, r24\n\t"
-                     "pop r24\n\t"
-                     "in r31, %[keep_high]\n\t"
-                     "in r30, %[keep_low]\n\t"
-                     "reti\n\t"
-                     "2: lds r24, %[control]\n\t"  // queue empty: off until hal_uart_wake
-                     "andi r24, %[silent]\n\t"
-                     "sts %[control], r24\n\t"
-                     "rjmp 1b\n\t"
-                     :
-                     : [keep_low] "I"(_SFR_IO_ADDR(GPIOR1)), [keep_high] "I"(_SFR_IO_ADDR(GPIOR2)),
-                       [tail] "i"(&avr_app.uart.send.tail), [head] "i"(&avr_app.uart.send.head),
-                       [items] "i"(&avr_app.uart.send.items), [end] "M"(RING_FRAMES_BYTES),
-                       [data] "n"(_SFR_MEM_ADDR(UDR0)), [control] "n"(_SFR_MEM_ADDR(UCSR0B)),
-                       [silent] "n"((uint8_t) ~(1u << UDRIE0)));
+    __asm__ volatile(
+        AVR_ISR_BEGIN "lds r30, %[tail]\n\t"
+                      "lds r24, %[head]\n\t"
+                      "cp r24, r30\n\t"
+                      "breq 2f\n\t"
+                      "mov r24, r30\n\t"
+                      "inc r24\n\t"
+                      "cpi r24, %[end]\n\t"
+                      "brne 3f\n\t"
+                      "ldi r24, 0\n\t"
+                      "3: sts %[tail], r24\n\t"
+                      "ldi r31, 0\n\t"
+                      "subi r30, lo8(-(%[items]))\n\t"
+                      "sbci r31, hi8(-(%[items]))\n\t"
+                      "ld r24, Z\n\t"
+                      "sts %[data], r24\n\t"
+                      "1: " AVR_ISR_END
+                      "2: lds r24, %[control]\n\t"  // queue empty: off until hal_uart_wake
+                      "andi r24, %[silent]\n\t"
+                      "sts %[control], r24\n\t"
+                      "rjmp 1b\n\t"
+        :
+        : AVR_ISR_KEEP, [tail] "i"(&avr_app.uart.send.tail), [head] "i"(&avr_app.uart.send.head),
+          [items] "i"(&avr_app.uart.send.items), [end] "M"(RING_FRAMES_BYTES),
+          [data] "n"(_SFR_MEM_ADDR(UDR0)), [control] "n"(_SFR_MEM_ADDR(UCSR0B)),
+          [silent] "n"((uint8_t) ~(1u << UDRIE0)));
 }

@@ -9,8 +9,6 @@
 #include "hal/avr/board.h"
 #include "hal/hal.h"
 
-#define MARK_TICK 1u  // bit of GPIOR0 that the bench observes
-
 App avr_app;
 volatile uint8_t avr_ticks_waiting;
 
@@ -61,7 +59,7 @@ int main(void) {
     wdt_enable(WDTO_15MS);
     for (;;) {
         const uint8_t late = wait_for_tick();
-        GPIOR0 = MARK_TICK;
+        GPIOR0 = AVR_MARK_TICK;
         app_tick(&avr_app, late);
         GPIOR0 = 0;
         avr_look_at_stack();

@@ -9,8 +9,6 @@
 #define PAINT 0xC5u    // fills the unused stack
 #define PAINT_STEP 2u  // bytes examined per tick
 
-#define MARK_CONTROL 2u  // bit of GPIOR0 that the bench observes
-
 extern uint8_t _end;  // of static data: lower limit of the stack
 
 void avr_paint_stack(void) __attribute__((naked, used, section(".init3")));
@@ -62,9 +60,9 @@ uint8_t hal_reset_cause(void) {
 
 void hal_mark_control(bool runs) {
     if (runs) {
-        GPIOR0 |= MARK_CONTROL;
+        GPIOR0 |= AVR_MARK_CONTROL;
     } else {
-        GPIOR0 &= (uint8_t)~MARK_CONTROL;
+        GPIOR0 &= (uint8_t)~AVR_MARK_CONTROL;
     }
 }
 

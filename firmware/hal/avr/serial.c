@@ -24,8 +24,9 @@ void hal_uart_wake(void) {
     hal_unlock(lock);
 }
 
-// Receiving begins with the next byte: what the receiver's two-byte buffer kept while the interrupt
-// was off is discarded, because the bytes between it and the next one are lost.
+// Switches the reception of bytes. The receiver keeps two bytes while its interrupt is off, and
+// loses those that follow; the two are discarded, so that no frame is composed of both sides of the
+// loss.
 void hal_uart_receive(bool on) {
     if (!on) {
         UCSR0B = (uint8_t)(UCSR0B & ~(1u << RXCIE0));

@@ -2,13 +2,13 @@
 // (docs/hil.md). Takes the place of the analogue inputs, the Hall capture, the switches and the
 // gates; drivers and application above hal.h are those of every other build.
 //
-// The host sends, for each tick m, the samples and edges that the tick takes (SENSE frames). The
-// board executes tick m with its timer, once they have arrived intact, and answers with the bridge
-// command that acts from tick m + 1 on (DRIVE frame). A tick without its inputs is not executed:
-// the firmware's time stands still, so that a late host changes when a tick runs, not what it
-// computes. After INJECT_SAFE_TICKS the bridge is opened; the tick that follows has the fault
-// overrun. Frames have the form of the telemetry's, with the number of the tick in place of the
-// time.
+// For each tick m of 1 ms the host sends the ADC samples and Hall edges of that tick (SENSE
+// frames). When they have arrived intact, the board executes tick m at its next timer interrupt,
+// and answers with the bridge command, which acts from tick m + 1 on (DRIVE frame). A tick whose
+// inputs are missing is postponed: the firmware's time stands still, so a late host changes when a
+// tick runs, not what it computes. After INJECT_SAFE_TICKS timer interrupts without inputs the
+// bridge is opened, and the tick that follows sets the fault overrun. Frames have the form of the
+// telemetry's, with the number of the tick in place of the time.
 #ifndef VGROOVE_HAL_INJECT_H
 #define VGROOVE_HAL_INJECT_H
 

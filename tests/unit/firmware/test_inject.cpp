@@ -52,7 +52,8 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 constexpr int FULL_TRIGGER = 920, RELEASED = 102;
 
-// Samples that tick m takes (docs/architecture.md, "ADC samples of a tick").
+// Number of ADC samples that the ticks up to this one have taken (docs/architecture.md, "ADC
+// samples of a tick").
 int samples_until(int tick) {
     return (16000 * tick - 2241 - 319) / 2040 + 1;
 }
