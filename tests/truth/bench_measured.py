@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from cases import Setting
 from disturbances import Disturbance, counts_edges
+from effects import const
 from responses import (
     CLIP,
     HUBER_SIGMA,
@@ -61,10 +62,6 @@ class Kind:
     usable: Callable[[Setting], bool]
 
 
-def _const(value: float) -> Callable[[Rig], float]:
-    return lambda rig: value
-
-
 def _coulomb(part: float) -> Callable[[Rig], float]:
     return lambda rig: part * rig.coulomb_nm
 
@@ -89,24 +86,24 @@ def can_slip(setting: Setting) -> bool:
 
 
 KINDS: dict[str, Kind] = {
-    "command_jitter": Kind(_const(2e-4), _const(3e-3), lambda s: s.rig.input != "current_a"),
+    "command_jitter": Kind(const(2e-4), const(3e-3), lambda s: s.rig.input != "current_a"),
     "row_batches": Kind(
-        _const(0.1), _const(0.95), lambda s: s.logger in ("ideal", "missing", "lost")
+        const(0.1), const(0.95), lambda s: s.logger in ("ideal", "missing", "lost")
     ),
     "displaced_edges": Kind(
-        _const(1e-3),
+        const(1e-3),
         lambda r: 2.0 / max(r.sensors.hall_pulses_per_rev, 1),
         lambda s: 0 < s.rig.sensors.hall_pulses_per_rev and not counts_edges(s.rig.sensors),
     ),
     "gear_tooth": Kind(_coulomb(0.05), _coulomb(1.0), lambda s: True),
     "supply_sag": Kind(
-        _const(0.02),
+        const(0.02),
         lambda r: 0.06 * r.voltage_v,
         lambda s: _duty(s) and s.rig.bus != "measured",
     ),
     "friction_drift": Kind(_coulomb(0.05), _coulomb(0.35), lambda s: True),
     "bearing_roughness": Kind(_coulomb(0.1), _coulomb(1.5), lambda s: True),
-    "supply_current": Kind(_const(0.02), _const(0.5), lambda s: _duty(s) and _current(s)),
+    "supply_current": Kind(const(0.02), const(0.5), lambda s: _duty(s) and _current(s)),
     "heavy_noise": Kind(_noise(2.0), _noise(25.0), _current),
     "noise_bursts": Kind(_noise(10.0), _noise(150.0), _current),
     "speed_noise": Kind(
@@ -115,7 +112,7 @@ KINDS: dict[str, Kind] = {
         lambda s: s.rig.sensors.speed_noise_rpm > 0.0,
     ),
     "converter": Kind(_noise(2.0), _noise(25.0), _current),
-    "commutation": Kind(_const(0.02), _const(0.4), _current),
+    "commutation": Kind(const(0.02), const(0.4), _current),
 }
 # Kinds that change edges or time stamps, so that their samples are not those of the undisturbed log
 TIMED = ("row_batches", "slips", "displaced_edges")

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "curve.hpp"
+#include "fields.hpp"
 #include "tool.hpp"
 
 using truth::Curve;
@@ -72,17 +73,11 @@ void truth_free(Tool *tool) {
 }
 
 int truth_set(Tool *tool, const char *name, double value) {
-    double *member = truth::find_param(tool->params, name);
-    if (member == nullptr) {
-        return -1;
-    }
-    *member = value;
-    return 0;
+    return truth::set_member(truth::find_param(tool->params, name), value);
 }
 
 double truth_get(Tool *tool, const char *name) {
-    const double *member = truth::find_param(tool->params, name);
-    return member != nullptr ? *member : std::nan("");
+    return truth::member_value(truth::find_param(tool->params, name));
 }
 
 void truth_start(Tool *tool) {

@@ -43,7 +43,8 @@ class Effect:
     one_way: str = ""
 
 
-def _plain(key: str) -> Made:
+def plain(key: str) -> Made:
+    """An effect whose size is one parameter of the tool."""
     return lambda rig, size, rng: {key: size}
 
 
@@ -55,7 +56,8 @@ def _added(key: str) -> Made:
     return lambda rig, size, rng: {key: getattr(rig, key) + size}
 
 
-def _const(value: float) -> Callable[[Rig], float]:
+def const(value: float) -> Callable[[Rig], float]:
+    """A size that is the same for all tools."""
     return lambda rig: value
 
 
@@ -92,7 +94,8 @@ def _asymmetric(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, fl
     return {"forward_nm": size, "backward_nm": size * float(rng.choice([-1.0, -0.5, 0.0]))}
 
 
-def _cogging(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
+def cogging(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
+    """A ripple torque of amplitude `size` with a drawn number of periods a turn, and its phase."""
     return {
         "cogging_nm": size,
         "cogging_per_rev": float(rng.choice([1, 2, 4, 6])),
@@ -121,7 +124,8 @@ def _heating(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float
     }
 
 
-def _speed_lag(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
+def speed_lag(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
+    """A filter or a delay of the time `size`, drawn."""
     return {"speed_lag_s" if rng.uniform() < 0.5 else "speed_delay_s": size}
 
 
@@ -129,7 +133,8 @@ def _skew(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
     return {"command_skew" if rng.uniform() < 0.5 else "clock_skew": size}
 
 
-def _phase(key: str, phase: str) -> Made:
+def with_phase(key: str, phase: str) -> Made:
+    """An effect whose size is one parameter of the tool, with a drawn phase in rad."""
     return lambda rig, size, rng: {key: size, phase: rng.uniform(0, 6.28)}
 
 
@@ -190,36 +195,36 @@ CATALOGUE = tuple(
         (
             "supply_resistance",
             _added("supply_resistance_ohm"),
-            _const(1e-3),
+            const(1e-3),
             lambda r: 0.6 * r.resistance_ohm,
             {"first": True},
         ),
         (
             "winding_resistance",
             _relative("resistance_ohm"),
-            _const(0.01),
-            _const(0.8),
+            const(0.01),
+            const(0.8),
             {"first": True, "accept": _R, "signed": True},
         ),
         (
             "bridge_resistance",
-            _plain("bridge_resistance_ohm"),
+            plain("bridge_resistance_ohm"),
             lambda r: 0.01 * r.resistance_ohm,
             lambda r: 0.8 * r.resistance_ohm,
             {"first": True, "accept": _R},
         ),
         (
             "brush_drop",
-            _plain("brush_drop_v"),
-            _const(0.01),
+            plain("brush_drop_v"),
+            const(0.01),
             lambda r: 0.12 * r.voltage_v,
             {"first": True},
         ),
         (
             "torque_constant",
             _relative("torque_constant_nm_per_a"),
-            _const(1e-3),
-            _const(0.25),
+            const(1e-3),
+            const(0.25),
             {"first": True, "signed": True},
         ),
         ("coulomb_friction", _added("coulomb_nm"), _coulomb(0.02), _coulomb(2.5), {"first": True}),
@@ -239,7 +244,7 @@ CATALOGUE = tuple(
         ),
         (
             "directional_viscous",
-            _plain("directional_viscous_nm_s"),
+            plain("directional_viscous_nm_s"),
             _viscous(0.05),
             _viscous(3.0),
             {"first": True, "signed": True, "needs": "two_way", "one_way": "viscous_friction"},
@@ -253,7 +258,7 @@ CATALOGUE = tuple(
         ),
         (
             "quadratic_drag",
-            _plain("quadratic_nm_s2"),
+            plain("quadratic_nm_s2"),
             lambda r: 0.02 * r.coulomb_nm / top_speed(r) ** 2,
             lambda r: 3.0 * r.coulomb_nm / top_speed(r) ** 2,
             {"first": True},
@@ -267,74 +272,74 @@ CATALOGUE = tuple(
         ),
         (
             "current_offset",
-            _plain("current_offset_a"),
-            _const(0.1),
-            _const(4.0),
+            plain("current_offset_a"),
+            const(0.1),
+            const(4.0),
             {"first": True, "signed": True},
         ),
         (
             "current_gain",
-            _plain("current_gain"),
-            _const(0.03),
-            _const(0.4),
+            plain("current_gain"),
+            const(0.03),
+            const(0.4),
             {"first": True, "signed": True},
         ),
         (
             "transport_delay",
-            _plain("transport_delay_s"),
-            _const(2e-4),
-            _const(0.03),
+            plain("transport_delay_s"),
+            const(2e-4),
+            const(0.03),
             {"first": True},
         ),
-        ("supply_droop", _droop, _const(2e-3), _const(0.2), {}),
-        ("dead_time", _plain("dead_time_s"), _const(2e-8), _const(2e-6), {}),
-        ("winding_heating", _heating, _const(0.02), _const(4.0), {}),
-        ("inductance", _relative("inductance_h"), _const(0.2), _const(1.5), {}),
+        ("supply_droop", _droop, const(2e-3), const(0.2), {}),
+        ("dead_time", plain("dead_time_s"), const(2e-8), const(2e-6), {}),
+        ("winding_heating", _heating, const(0.02), const(4.0), {}),
+        ("inductance", _relative("inductance_h"), const(0.2), const(1.5), {}),
         (
             "magnetic_saturation",
             lambda rig, size, rng: {"saturation_a": size**-0.5},
-            _const(2e-5),
-            _const(5e-3),
+            const(2e-5),
+            const(5e-3),
             {"needs": "load"},
         ),
-        ("cogging_torque", _cogging, _coulomb(0.1), _coulomb(3.0), {}),
+        ("cogging_torque", cogging, _coulomb(0.1), _coulomb(3.0), {}),
         ("cold_grease", _grease, _viscous(0.1), _viscous(10.0), {}),
         (
             "load_dependent_friction",
-            _plain("load_friction"),
-            _const(0.01),
-            _const(0.6),
+            plain("load_friction"),
+            const(0.01),
+            const(0.6),
             {"needs": "load"},
         ),
         (
             "gear_eccentricity",
-            _phase("eccentricity_nm", "eccentricity_phase_rad"),
+            with_phase("eccentricity_nm", "eccentricity_phase_rad"),
             _coulomb(0.05),
             _coulomb(1.0),
             {},
         ),
-        ("coupler_compliance", _coupler, _const(0.3), _const(60.0), {}),
-        ("gear_backlash", _plain("play_rad"), _const(0.02), _const(0.5), {"needs": "two_way"}),
-        ("current_lag", _plain("current_lag_s"), _const(1e-3), _const(0.08), {}),
+        ("coupler_compliance", _coupler, const(0.3), const(60.0), {}),
+        ("gear_backlash", plain("play_rad"), const(0.02), const(0.5), {"needs": "two_way"}),
+        ("current_lag", plain("current_lag_s"), const(1e-3), const(0.08), {}),
         (
             "current_saturation",
             lambda rig, size, rng: {"current_limit_a": 1.0 / size},
-            _const(0.05),
-            _const(1.0),
+            const(0.05),
+            const(1.0),
             {},
         ),
-        ("speed_gain", _plain("speed_gain"), _const(5e-4), _const(0.2), {"signed": True}),
-        ("speed_lag", _speed_lag, _const(5e-4), _const(0.08), {}),
+        ("speed_gain", plain("speed_gain"), const(5e-4), const(0.2), {"signed": True}),
+        ("speed_lag", speed_lag, const(5e-4), const(0.08), {}),
         (
             "hall_eccentricity",
-            _phase("hall_eccentricity_rad", "hall_eccentricity_phase_rad"),
-            _const(5e-4),
-            _const(0.3),
+            with_phase("hall_eccentricity_rad", "hall_eccentricity_phase_rad"),
+            const(5e-4),
+            const(0.3),
             {},
         ),
-        ("hall_dropout", _plain("hall_dropout"), _const(3e-3), _const(0.2), {}),
-        ("supply_gain", _plain("supply_gain"), _const(1e-3), _const(0.15), {"signed": True}),
-        ("clock_skew", _skew, _const(1e-3), _const(0.05), {"signed": True}),
+        ("hall_dropout", plain("hall_dropout"), const(3e-3), const(0.2), {}),
+        ("supply_gain", plain("supply_gain"), const(1e-3), const(0.15), {"signed": True}),
+        ("clock_skew", _skew, const(1e-3), const(0.05), {"signed": True}),
     )
 )
 # Outside the catalogue: effects that come and go or vary with time; no constant term of the
@@ -355,13 +360,13 @@ OUTSIDE = tuple(
             lambda r: 0.05 * r.resistance_ohm,
             lambda r: 10.0 * r.resistance_ohm,
         ),
-        ("u_duty_glitches", _glitch, _const(0.05), _const(1.0)),
+        ("u_duty_glitches", _glitch, const(0.05), const(1.0)),
         ("u_tight_spot", _tight, _coulomb(0.1), _coulomb(6.0)),
         ("u_wandering_friction", _wander, _coulomb(0.05), _coulomb(0.95)),
-        ("u_loose_magnet", _gated("u_flux_loss"), _const(2e-3), _const(0.3)),
+        ("u_loose_magnet", _gated("u_flux_loss"), const(2e-3), const(0.3)),
         ("u_torque_hum", _torque_hum, _coulomb(0.05), _coulomb(2.0)),
         ("u_random_ripple", _ripple, _coulomb(0.05), _coulomb(3.0)),
-        ("u_mains_hum", _hum, _const(0.2), _const(8.0)),
+        ("u_mains_hum", _hum, const(0.2), const(8.0)),
     )
 )
 OUTSIDE_IDS = tuple(effect.id for effect in OUTSIDE)

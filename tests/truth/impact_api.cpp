@@ -2,10 +2,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <deque>
 
 #include "curve.hpp"
+#include "fields.hpp"
 #include "impact.hpp"
 
 using truth::Blow;
@@ -17,15 +17,10 @@ using truth::ImpactTool;
 namespace truth {
 namespace {
 
-struct Field {
-    const char *name;
-    double ImpactParams::*member;
-};
-
 #define FIELD(member)                                                                              \
     { #member, &ImpactParams::member }
 
-const Field FIELDS[] = {
+const Field<ImpactParams> FIELDS[] = {
     FIELD(voltage_v),
     FIELD(supply_resistance_ohm),
     FIELD(pwm_hz),
@@ -151,12 +146,7 @@ const Field FIELDS[] = {
 }  // namespace
 
 double *find_impact_param(ImpactParams &params, const char *name) {
-    for (const Field &field : FIELDS) {
-        if (std::strcmp(field.name, name) == 0) {
-            return &(params.*field.member);
-        }
-    }
-    return nullptr;
+    return find_field(FIELDS, params, name);
 }
 
 }  // namespace truth
@@ -202,17 +192,11 @@ void truth_impact_free(ImpactTool *tool) {
 }
 
 int truth_impact_set(ImpactTool *tool, const char *name, double value) {
-    double *member = truth::find_impact_param(tool->params, name);
-    if (member == nullptr) {
-        return -1;
-    }
-    *member = value;
-    return 0;
+    return truth::set_member(truth::find_impact_param(tool->params, name), value);
 }
 
 double truth_impact_get(ImpactTool *tool, const char *name) {
-    const double *member = truth::find_impact_param(tool->params, name);
-    return member != nullptr ? *member : std::nan("");
+    return truth::member_value(truth::find_impact_param(tool->params, name));
 }
 
 // Rows end at row_s[0..rows-1]; the first begins at 0. Returns the number of edges; -1 where the

@@ -1,4 +1,6 @@
-"""An impact case: rig, true tool, profile and effects of a size; its run and its log."""
+"""Cases of the impact tool: the rig that the diagnosis gets, the true tool, the command and the
+effects with their sizes; runs of them, and the logs that they give.
+"""
 
 from dataclasses import dataclass, replace
 

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from effects import LOGGER_KEYS
+from effects import LOGGER_KEYS, cogging, const, plain, speed_lag, with_phase
 from impact_joints import JOINT_KEYS, TURN
 from impact_rigs import ImpactRig
 
 Made = Callable[[ImpactRig, float, np.random.Generator], dict[str, float]]
+STEEL = ("hard_joint", "disc_spring")  # slipping joints without wood
 STIFF = ("locked", "hard_joint", "disc_spring")
 EVERYWHERE = ("locked", "hard_joint", "disc_spring", "wood_screw")
 
@@ -38,20 +39,12 @@ class ImpactEffect:
     accept: tuple[str, ...] = ()
 
 
-def _plain(key: str) -> Made:
-    return lambda rig, size, rng: {key: size}
-
-
 def _relative(key: str) -> Made:
     return lambda rig, size, rng: {key.split(".")[1]: rig[key] * (1.0 + size)}
 
 
 def _added(key: str, name: str = "") -> Made:
     return lambda rig, size, rng: {name or key.split(".")[1]: rig[key] + size}
-
-
-def _const(value: float) -> Callable[[ImpactRig], float]:
-    return lambda rig: value
 
 
 def _part(key: str, part: float) -> Callable[[ImpactRig], float]:
@@ -95,20 +88,8 @@ def _stribeck(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str
     return {"breakaway_nm": size, "stribeck_rad_s": rng.uniform(60.0, 250.0)}
 
 
-def _cogging(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {
-        "cogging_nm": size,
-        "cogging_per_rev": float(rng.choice([1, 2, 4, 6])),
-        "cogging_phase_rad": rng.uniform(0, 6.28),
-    }
-
-
 def _grease(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
     return {"grease_nm_s": size, "grease_s": rng.uniform(0.4, 1.5)}
-
-
-def _phase(key: str, phase: str) -> Made:
-    return lambda rig, size, rng: {key: size, phase: rng.uniform(0, 6.28)}
 
 
 def _coupler(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -118,10 +99,6 @@ def _coupler(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str,
         "coupler_nm_s_per_rad": rng.uniform(0.15, 0.3),
         "coupler_inertia_kg_m2": 2e-5 * float(np.clip(size * 2000.0, 0.02, 1.0)),
     }
-
-
-def _speed_lag(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"speed_lag_s" if rng.uniform() < 0.5 else "speed_delay_s": size}
 
 
 def _saturation(rig: ImpactRig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -196,51 +173,51 @@ _SLIPPING = ("hard_joint", "disc_spring", "wood_screw")
 MECHANISM = tuple(
     ImpactEffect(row[0], "mechanism", *row[1:-1], **row[-1])
     for row in (
-        ("groove_friction", _groove_friction, _const(0.01), _const(0.25), {}),
+        ("groove_friction", _groove_friction, const(0.01), const(0.25), {}),
         (
             "spring_rate",
             _relative("mechanism.spring_rate_n_per_m"),
-            _const(0.02),
-            _const(0.3),
+            const(0.02),
+            const(0.3),
             {"signed": True},
         ),
         (
             "spring_preload",
             _relative("mechanism.spring_preload_n"),
-            _const(0.02),
-            _const(0.35),
+            const(0.02),
+            const(0.35),
             {"signed": True},
         ),
         (
             "impact_damping",
             _relative("mechanism.contact_damping_n_s_per_m"),
-            _const(0.2),
-            _const(3.0),
+            const(0.2),
+            const(3.0),
             {"joints": STIFF},
         ),
         (
             "lug_wear",
             lambda r, s, g: {"lug_height_m": r["mechanism.lug_height_m"] - s},
-            _const(1e-4),
-            _const(1.6e-3),
+            const(1e-4),
+            const(1.6e-3),
             {},
         ),
-        ("joint_stiffness", _joint_stiffness, _const(0.1), _const(1.5), {"joints": STIFF}),
+        ("joint_stiffness", _joint_stiffness, const(0.1), const(1.5), {"joints": STIFF}),
         (
             "thread_friction",
-            _plain("joint_friction"),
-            _const(0.05),
-            _const(0.8),
+            plain("joint_friction"),
+            const(0.05),
+            const(0.8),
             {"signed": True, "joints": _SLIPPING},
         ),
         (
             "joint_hysteresis",
-            _plain("joint_hysteresis"),
-            _const(0.1),
-            _const(0.8),
+            plain("joint_hysteresis"),
+            const(0.1),
+            const(0.8),
             {"joints": ("disc_spring",), "needs": "loosen"},
         ),
-        ("wood_knot", _knot, _const(0.5), _const(10.0), {"joints": ("wood_screw",)}),
+        ("wood_knot", _knot, const(0.5), const(10.0), {"joints": ("wood_screw",)}),
     )
 )
 DRIVE = tuple(
@@ -249,42 +226,42 @@ DRIVE = tuple(
         (
             "supply_resistance",
             _added("supply.resistance_ohm", "supply_resistance_ohm"),
-            _const(3e-3),
-            _const(0.12),
+            const(3e-3),
+            const(0.12),
             {},
         ),
-        ("supply_droop", _droop, _const(2e-3), _const(0.08), {}),
-        ("dead_time", _plain("dead_time_s"), _const(2e-7), _const(3e-6), {"needs": "partial"}),
+        ("supply_droop", _droop, const(2e-3), const(0.08), {}),
+        ("dead_time", plain("dead_time_s"), const(2e-7), const(3e-6), {"needs": "partial"}),
         (
             "bridge_resistance",
-            _plain("bridge_resistance_ohm"),
-            _const(3e-3),
-            _const(0.12),
+            plain("bridge_resistance_ohm"),
+            const(3e-3),
+            const(0.12),
             {"accept": _R},
         ),
         (
             "winding_resistance",
             _relative("motor.resistance_ohm"),
-            _const(0.02),
-            _const(0.6),
+            const(0.02),
+            const(0.6),
             {"signed": True, "accept": _R},
         ),
-        ("winding_heating", _heating, _const(0.05), _const(1.0), {}),
-        ("brush_drop", _plain("brush_drop_v"), _const(0.1), _const(2.0), {}),
+        ("winding_heating", _heating, const(0.05), const(1.0), {}),
+        ("brush_drop", plain("brush_drop_v"), const(0.1), const(2.0), {}),
         (
             "torque_constant",
             _relative("motor.torque_constant_nm_per_a"),
-            _const(5e-3),
-            _const(0.15),
+            const(5e-3),
+            const(0.15),
             {"signed": True},
         ),
-        ("magnetic_saturation", _saturation, _const(2e-5), _const(6e-4), {}),
+        ("magnetic_saturation", _saturation, const(2e-5), const(6e-4), {}),
         ("coulomb_friction", _added(_COULOMB), _part(_COULOMB, 0.2), _part(_COULOMB, 4.0), {}),
         ("stribeck_friction", _stribeck, _part(_COULOMB, 0.5), _part(_COULOMB, 6.0), {}),
         ("viscous_friction", _added(_VISCOUS), _part(_VISCOUS, 0.3), _part(_VISCOUS, 8.0), {}),
         (
             "quadratic_drag",
-            _plain("quadratic_nm_s2"),
+            plain("quadratic_nm_s2"),
             lambda r: 0.3 * r[_VISCOUS] / 1000.0,
             lambda r: 8.0 * r[_VISCOUS] / 1000.0,
             {},
@@ -296,54 +273,54 @@ DRIVE = tuple(
             _part("motor.inertia_kg_m2", 0.5),
             {"signed": True},
         ),
-        ("cogging_torque", _cogging, _part(_COULOMB, 1.0), _part(_COULOMB, 6.0), {}),
+        ("cogging_torque", cogging, _part(_COULOMB, 1.0), _part(_COULOMB, 6.0), {}),
         ("cold_grease", _grease, _part(_VISCOUS, 1.0), _part(_VISCOUS, 20.0), {}),
-        ("load_dependent_friction", _plain("load_friction"), _const(0.02), _const(0.35), {}),
-        ("coupler_compliance", _coupler, _const(5e-5), _const(2e-3), {}),
-        ("current_lag", _plain("current_lag_s"), _const(1e-3), _const(0.03), {}),
+        ("load_dependent_friction", plain("load_friction"), const(0.02), const(0.35), {}),
+        ("coupler_compliance", _coupler, const(5e-5), const(2e-3), {}),
+        ("current_lag", plain("current_lag_s"), const(1e-3), const(0.03), {}),
         (
             "current_gain",
-            _plain("current_gain"),
-            _const(0.01),
-            _const(0.3),
+            plain("current_gain"),
+            const(0.01),
+            const(0.3),
             {"signed": True},
         ),
         (
             "current_offset",
-            _plain("current_offset_a"),
-            _const(0.2),
-            _const(5.0),
+            plain("current_offset_a"),
+            const(0.2),
+            const(5.0),
             {"signed": True},
         ),
-        ("current_saturation", _limit, _const(0.025), _const(0.06), {}),
-        ("speed_gain", _plain("speed_gain"), _const(0.01), _const(0.2), {"signed": True}),
-        ("speed_lag", _speed_lag, _const(1e-3), _const(0.03), {}),
+        ("current_saturation", _limit, const(0.025), const(0.06), {}),
+        ("speed_gain", plain("speed_gain"), const(0.01), const(0.2), {"signed": True}),
+        ("speed_lag", speed_lag, const(1e-3), const(0.03), {}),
         (
             "hall_eccentricity",
-            _phase("hall_eccentricity_rad", "hall_eccentricity_phase_rad"),
-            _const(0.02),
-            _const(0.4),
+            with_phase("hall_eccentricity_rad", "hall_eccentricity_phase_rad"),
+            const(0.02),
+            const(0.4),
             {},
         ),
-        ("hall_dropout", _plain("hall_dropout"), _const(0.01), _const(0.25), {}),
-        ("supply_gain", _plain("supply_gain"), _const(2e-3), _const(0.1), {"signed": True}),
-        ("transport_delay", _plain("transport_delay_s"), _const(2e-3), _const(0.03), {}),
+        ("hall_dropout", plain("hall_dropout"), const(0.01), const(0.25), {}),
+        ("supply_gain", plain("supply_gain"), const(2e-3), const(0.1), {"signed": True}),
+        ("transport_delay", plain("transport_delay_s"), const(2e-3), const(0.03), {}),
     )
 )
 # Outside the catalogue: wear and faults of the mechanism and of contacts
 OUTSIDE = tuple(
     ImpactEffect(row[0], "outside", *row[1:-1], **row[-1])
     for row in (
-        ("u_groove_dent", _dent, _const(1e-4), _const(8e-4), {}),
-        ("u_unequal_lugs", _plain("u_lug_offset_rad"), _const(0.03), _const(0.5), {}),
-        ("u_worn_lug", _plain("u_lug_height_m"), _const(3e-4), _const(3e-3), {}),
-        ("u_coil_bind", _bind, _const(5e3), _const(2e5), {}),
-        ("u_housing_drag", _drag, _const(0.05), _const(1.5), {}),
-        ("u_soft_grip", _arm, _const(1.0), _const(6.0), {}),
-        ("u_brush_contact", _gated("u_brush_ohm"), _const(0.02), _const(0.5), {}),
-        ("u_battery_contact", _gated("u_contact_ohm"), _const(0.02), _const(0.3), {}),
-        ("u_bit_play", _bit, _const(0.01), _const(0.15), {}),
-        ("u_warm_joint", _warm_joint, _const(2e-3), _const(0.1), {"joints": _SLIPPING}),
+        ("u_groove_dent", _dent, const(1e-4), const(8e-4), {}),
+        ("u_unequal_lugs", plain("u_lug_offset_rad"), const(0.03), const(0.5), {}),
+        ("u_worn_lug", plain("u_lug_height_m"), const(3e-4), const(3e-3), {}),
+        ("u_coil_bind", _bind, const(5e3), const(2e5), {}),
+        ("u_housing_drag", _drag, const(0.05), const(1.5), {}),
+        ("u_soft_grip", _arm, const(1.0), const(6.0), {}),
+        ("u_brush_contact", _gated("u_brush_ohm"), const(0.02), const(0.5), {}),
+        ("u_battery_contact", _gated("u_contact_ohm"), const(0.02), const(0.3), {}),
+        ("u_bit_play", _bit, const(0.01), const(0.15), {}),
+        ("u_warm_joint", _warm_joint, const(2e-3), const(0.1), {"joints": STEEL}),
         ("u_wandering_friction", _wander, _part(_COULOMB, 0.3), _part(_COULOMB, 0.95), {}),
     )
 )

@@ -199,7 +199,9 @@ def least_sigma(setting: ImpactSetting, mean: np.ndarray) -> np.ndarray:
 
 
 def change(reference: Reference, params: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """(mean change (n,) of the statistics in sigma, its standard error (n,))."""
+    """Mean change (n,) of the statistics that the parameters cause, over the seeds, and its
+    standard error (n,), both in sigma.
+    """
     found = all_statistics(reference.setting, reference.seeds, params) - reference.values
     error = found.std(axis=0, ddof=1) / len(found) ** 0.5
     return found.mean(axis=0) / reference.sigma, error / reference.sigma

@@ -5,6 +5,7 @@
 import argparse
 import json
 import sys
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -302,11 +303,18 @@ def main(arguments: list[str]) -> int:
             )
         )
         serial[kind] += 1
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for line in pool.map(write_case, *zip(*plan, strict=True)):
+    write_cases(write_case, plan, args.jobs)
+    return 0
+
+
+def write_cases(write: Callable[..., str], plan: Sequence[tuple[object, ...]], jobs: int) -> None:
+    """Call `write` with the arguments of each case of the plan, `jobs` at a time, and print the
+    lines that it returns.
+    """
+    with ProcessPoolExecutor(jobs) as pool:
+        for line in pool.map(write, *zip(*plan, strict=True)):
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
-    return 0
 
 
 if __name__ == "__main__":

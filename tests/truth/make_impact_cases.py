@@ -5,7 +5,6 @@
 import argparse
 import json
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,14 +31,10 @@ from impact_rigs import (
     without_same,
 )
 from impact_visible import Reference, largest, reference_of, visible_limit, with_tolerance
+from make_cases import FORMATS as DRIVE_FORMATS
+from make_cases import write_cases
 
-FORMATS = {
-    "time_s": "{:.6g}",
-    "duty": "{:.4f}",
-    "coast": "{:.0f}",
-    "supply_v": "{:.2f}",
-    "current_a": "{:.2f}",
-    "speed_rpm": "{:.1f}",
+FORMATS = DRIVE_FORMATS | {
     "anvil_torque_nm": "{:.2f}",
     "anvil_angle_rad": "{:.5f}",
     "hammer_mm": "{:.3f}",
@@ -289,6 +284,10 @@ def ids_of(text: str) -> tuple[str, ...]:
 
 def main(arguments: list[str]) -> int:
     args = parser_of_options().parse_args(arguments)
+    unknown = [i for i in ids_of(args.ids) if i not in BY_ID]
+    if unknown:
+        sys.stderr.write(f"{unknown[0]} is no effect of the generator\n")
+        return 2
     kinds = MIXED if args.kind == "mixed" else tuple(args.kind.split(","))
     joints = tuple(args.joints.split(","))
     options = ImpactOptions(
@@ -308,10 +307,7 @@ def main(arguments: list[str]) -> int:
         kind = kinds[n % len(kinds)]
         plan.append((args.out / f"case_{n:03d}", kind, serial[kind], options, args.seed))
         serial[kind] += 1
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for line in pool.map(write_impact_case, *zip(*plan, strict=True)):
-            sys.stdout.write(line + "\n")
-            sys.stdout.flush()
+    write_cases(write_impact_case, plan, args.jobs)
     return 0
 
 

@@ -1,20 +1,15 @@
 // Names of the parameters of a generated tool for Python.
 #include "params.hpp"
 
-#include <cstring>
+#include "fields.hpp"
 
 namespace truth {
 namespace {
 
-struct Field {
-    const char *name;
-    double Params::*member;
-};
-
 #define FIELD(member)                                                                              \
     { #member, &Params::member }
 
-const Field FIELDS[] = {
+const Field<Params> FIELDS[] = {
     FIELD(voltage_v),
     FIELD(supply_resistance_ohm),
     FIELD(bus_filter_s),
@@ -140,12 +135,7 @@ const Field FIELDS[] = {
 }  // namespace
 
 double *find_param(Params &params, const char *name) {
-    for (const Field &field : FIELDS) {
-        if (std::strcmp(field.name, name) == 0) {
-            return &(params.*field.member);
-        }
-    }
-    return nullptr;
+    return find_field(FIELDS, params, name);
 }
 
 }  // namespace truth

@@ -70,13 +70,19 @@ def demo_setting(seed: int) -> Setting:
     return Setting(rig, rig, Profile("demo", times, duty, coast_at_zero=True), DEMO_SECONDS, seed)
 
 
+def kind_of_seed(seed: int, stream: int) -> int:
+    """Kind 0..9 of a seed: of ten seeds in a row one has kind 0 (no effect) and one kind 1 (outside
+    the catalogue); stream: which sequence of random numbers decides.
+    """
+    block, place = divmod(seed - 1, 10)
+    return int(np.random.default_rng([block % 2**32, stream]).permutation(10)[place])
+
+
 def draw_answer(seed: int) -> dict[str, object]:
     """Label, ids, accepted ids, size and tool parameters of a seed; of ten seeds in a row one has
     no effect and one is outside the catalogue.
     """
-    block, place = divmod(seed - 1, 10)
-    # of ten seeds in a row, one has kind 0 (no effect) and one kind 1 (outside the catalogue)
-    kind = int(np.random.default_rng([block % 2**32, 26]).permutation(10)[place])
+    kind = kind_of_seed(seed, 26)
     for attempt in range(20):
         rng = np.random.default_rng([seed, 19, attempt])
         setting = demo_setting(int(rng.integers(1, 2**31)))

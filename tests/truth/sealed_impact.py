@@ -13,7 +13,7 @@ from impact_rigs import impact_params, reference_rig
 from impact_tool import ImpactTruthTool
 from impact_visible import largest, reference_of, visible_limit
 from profiles import Profile
-from sealed import BOARD, TOOL_NOISE, Sealed, write_sealed
+from sealed import BOARD, TOOL_NOISE, Sealed, kind_of_seed, write_sealed
 
 # Effects that a constant trigger on one joint shows: a run-down, a reversal or a change of the duty
 # is not part of the run, and the board removes an offset of the current at rest.
@@ -55,8 +55,7 @@ def draw_impact_answer(seed: int) -> dict[str, object]:
     """Label, ids, accepted ids, size and tool parameters of a seed; of ten seeds in a row one has
     no effect and one is outside the catalogue.
     """
-    block, place = divmod(seed - 1, 10)
-    kind = int(np.random.default_rng([block % 2**32, 46]).permutation(10)[place])
+    kind = kind_of_seed(seed, 46)
     for attempt in range(20):
         rng = np.random.default_rng([seed, 39, attempt])
         setting = demo_setting(int(rng.integers(1, 2**31)))
