@@ -11,13 +11,11 @@ from rich.table import Table
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.log_check.compared import refuse_uncompared
-from vgroove.gap.residual.impact.problem import ImpactProblem
 from vgroove.gap.residual.loading import RESTART_S, load_problem, with_clip
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.log import Log
 from vgroove.rig import Rig
-from vgroove.units import RPM_PER_RAD_S
 
 SCHEMA = "vgroove.sim/1"
 AS_IS = DiagnosisOptions(as_is=True)
@@ -100,22 +98,12 @@ def simulated_log(problem: Problem) -> Log:
     """
     if len(problem.runs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
-    if isinstance(problem, ImpactProblem):
-        return problem.simulated_log()
-    run, rows = problem.runs[0], problem.simulate(problem.theta0)[0]
-    kind = problem.rig.input["kind"]
-    columns: dict[str, np.ndarray] = {kind: run.log.columns[kind]}
-    columns |= {
-        name: run.log.columns[name] for name in ("load_nm", "coast") if name in run.log.columns
-    }
-    simulated = {
-        "current_a": rows["current_a"][0],
-        "supply_v": rows["supply_v"][0],
-        "speed_rpm": rows["speed_measured_rad_s"][0] * RPM_PER_RAD_S,
-        "position_rad": rows["angle_measured_rad"][0],
-    }
+    log, kind = problem.runs[0].log, problem.rig.input["kind"]
+    columns: dict[str, np.ndarray] = {kind: log.columns[kind]}
+    columns |= {name: log.columns[name] for name in ("load_nm", "coast") if name in log.columns}
+    simulated = problem.simulated_columns()
     columns |= {name: values for name, values in simulated.items() if name not in columns}
-    time_s = np.asarray(run.log.time_s)
-    kept = ~is_thinned(run.log.columns, len(time_s))
+    time_s = np.asarray(log.time_s)
+    kept = ~is_thinned(log.columns, len(time_s))
     columns = {name: np.asarray(values)[kept] for name, values in columns.items()}
     return Log(time_s[kept], columns, "the simulation")

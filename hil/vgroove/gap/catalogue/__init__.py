@@ -21,18 +21,18 @@ from . import (
     timing,
 )
 from .entry import OUTPUT_TURN, Effect, Form, Load, LoadKey, Parameter, Periodic, Scales, Separation
-from .loads import DIAGNOSED_LOADS, JOINTS, LOADS, load_parameters
+from .loads import JOINTS, LOADS, LOADS_BEHIND, load_parameters
 
 __all__ = [
     "BY_ID",
     "CATALOGUE",
     "CONVENTIONS_AT_LOWER_BOUND",
-    "DIAGNOSED_LOADS",
     "FLAGS_BEYOND_SPECIFICATION",
     "FRICTION_LAWS",
     "JOINTS",
     "LESS_LIKELY",
     "LOADS",
+    "LOADS_BEHIND",
     "NEEDS",
     "OUTPUT_TURN",
     "PERIODIC",

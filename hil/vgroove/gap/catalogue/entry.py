@@ -24,9 +24,10 @@ class Scales:
     coulomb (N m), viscous (N m s/rad) and the gear ratio are those of the rig; duration (s) is that
     of the longest log, interval (s) the median interval between rows. least_delay (s): a shorter
     delay of the command may come from the logger's choice of the instant that a row stands for.
-    clock: standard deviation of the relative error of the logger's clock. Of a hammering tool,
-    else 0: head_rad, the angle (rad) by which the joint's head turns in the longest log, and
-    joint_nm, the largest torque (N m) of the joint, both of the rig's simulation.
+    clock: standard deviation of the relative error of the logger's clock. hammering: whether the
+    tool has an impact mechanism; of such a tool, else 0: head_rad, the angle (rad) by which the
+    joint's head turns in the longest log, and joint_nm, the largest torque (N m) of the joint, both
+    of the rig's simulation.
     """
 
     volt: float
@@ -45,13 +46,9 @@ class Scales:
     supply_ohm: float
     least_delay: float = 0.0
     clock: float = 0.02
+    hammering: bool = False
     head_rad: float = 0.0
     joint_nm: float = 0.0
-
-    @property
-    def hammering(self) -> bool:
-        """Whether the tool has an impact mechanism."""
-        return self.joint_nm > 0.0
 
 
 OfScales = Callable[[Scales], float]

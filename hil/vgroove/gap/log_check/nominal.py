@@ -8,9 +8,10 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue import DIAGNOSED_LOADS, JOINTS
+from vgroove.gap.catalogue import LOADS_BEHIND
 from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.impact.roll_outs import MODE
 from vgroove.gap.residual.inputs import read_input
 from vgroove.log import Log, current_is_unsigned
 from vgroove.rig import Rig
@@ -56,8 +57,7 @@ def mean_error(pairs: list[Pair], scaled: bool = False) -> float:
 
 def is_simulated(rig: Rig) -> bool:
     """Whether the plant can be driven by a log of this rig."""
-    loads = {"none": DIAGNOSED_LOADS, "impact": (*DIAGNOSED_LOADS, *JOINTS)}
-    return rig.load["kind"] in loads.get(rig.mechanism["kind"], ())
+    return rig.load["kind"] in LOADS_BEHIND.get(rig.mechanism["kind"], ())
 
 
 def first_rows(log: Log, rig: Rig, rows: int = MAX_ROWS) -> Log:
@@ -85,7 +85,7 @@ def nominal_pairs(log: Log, rig: Rig, time_factor: float = 1.0) -> list[Pair]:
     theta = rig.parameters()[None]
     try:
         if rig.mechanism["kind"] == "impact":
-            rows = _core.simulate_impact(plant, theta, mode="fast")
+            rows = _core.simulate_impact(plant, theta, mode=MODE)
         else:
             rows = _core.simulate_log(plant, theta, np.array([0]), NO_STATE, 1, unfinished="nan")
     except (RuntimeError, ValueError) as error:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue import DIAGNOSED_LOADS, JOINTS
+from vgroove.gap.catalogue import LOADS_BEHIND
 from vgroove.gap.cleaning.long_logs import reduce_long_logs
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, clip_sigmas
 from vgroove.gap.residual.angle_alignment import align_angles
@@ -91,12 +91,12 @@ def _check_magnitudes(log: Any) -> None:
 
 def _check_simulated(rig: Rig) -> None:
     mechanism, load = rig.mechanism["kind"], rig.load["kind"]
-    if mechanism not in ("none", "impact"):
+    if mechanism not in LOADS_BEHIND:
         raise VgrooveError(
             f"a log of a tool with mechanism {mechanism} cannot be judged, "
-            "only one with mechanism none or impact"
+            f"only one with mechanism {' or '.join(LOADS_BEHIND)}"
         )
-    loads = DIAGNOSED_LOADS if mechanism == "none" else (*DIAGNOSED_LOADS, *JOINTS)
+    loads = LOADS_BEHIND[mechanism]
     if load not in loads:
         raise VgrooveError(
             f"a log of a tool with mechanism {mechanism} and load {load} cannot be judged, "

@@ -11,7 +11,7 @@ and every figure of the diagnosis is computed from.
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from vgroove.gap.residual.sensor_filters import correct_filters
 from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.gap.residual.speed_ripple import add_speed_ripple
 from vgroove.rig import Rig
+from vgroove.units import RPM_PER_RAD_S
 
 UNFINISHED_RESIDUAL = 1e6  # sigma; of rows that the plant does not reach within its step budget
 
@@ -46,8 +47,6 @@ class PortionLimits:
     sets: int = 48
     rows: int = 200_000
 
-
-PORTION = PortionLimits()
 
 Traces = dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -96,6 +95,7 @@ class Problem:
     joint_nm: float = 0.0
 
     parameters = list(_core.PARAMETERS)
+    portion: ClassVar[PortionLimits] = PortionLimits()
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -192,6 +192,16 @@ class Problem:
         """Angle (rows,) in rad of the motor in each log, simulated with theta (P,)."""
         return [simulation["angle_rad"][0] for simulation in self.simulate(theta)]
 
+    def simulated_columns(self) -> dict[str, np.ndarray]:
+        """What the sensors of the rig's model would log in the first log (rows,), by column."""
+        rows = self.simulate(self.theta0)[0]
+        return {
+            "current_a": rows["current_a"][0],
+            "supply_v": rows["supply_v"][0],
+            "speed_rpm": rows["speed_measured_rad_s"][0] * RPM_PER_RAD_S,
+            "position_rad": rows["angle_measured_rad"][0],
+        }
+
     def models(self, theta: np.ndarray) -> np.ndarray:
         """What the measurement is compared with (B, n), in the signals' units: the model with the
         estimated shared offsets of Channel.compared.
@@ -212,7 +222,8 @@ class Problem:
         problem = self if angles is None else self.with_angles(angles)
         theta = np.atleast_2d(theta)
         out, rows = np.empty((len(theta), self.n)), sum(len(log.time_s) for log in self.logs)
-        size = max(1, min(PORTION.sets, PORTION.rows // rows, -(-len(theta) // self.threads)))
+        share = -(-len(theta) // self.threads)
+        size = max(1, min(self.portion.sets, self.portion.rows // rows, share))
         effects = [name.startswith("effects.") for name in self.parameters]
         parts = split_by_structure((theta != self.theta0)[:, effects], size)
         with ThreadPoolExecutor(self.threads) as pool:

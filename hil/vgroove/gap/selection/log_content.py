@@ -136,6 +136,7 @@ def effect_scales(problem: Problem) -> Scales:
         clock=1e-6 * rig.sensors.get("clock_ppm", UNKNOWN_CLOCK_PPM),
         pwm_hz=rig.bridge.get("pwm_hz", 20000.0),
         supply_ohm=rig.supply.get("resistance_ohm", 0.0),
+        hammering=rig.mechanism["kind"] == "impact",
         head_rad=problem.head_rad,
         joint_nm=problem.joint_nm,
     )

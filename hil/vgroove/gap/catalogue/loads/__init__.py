@@ -6,6 +6,8 @@ _MODULES = (none, torque, pendulum, locked, free, chuck, hard_joint, disc_spring
 LOADS = {module.LOAD.kind: module.LOAD for module in _MODULES}
 JOINTS = tuple(kind for kind, load in LOADS.items() if load.joint)
 DIAGNOSED_LOADS = tuple(kind for kind, load in LOADS.items() if load.diagnosed)
+# Mechanism -> loads behind it of which logs can be diagnosed.
+LOADS_BEHIND = {"none": DIAGNOSED_LOADS, "impact": (*DIAGNOSED_LOADS, *JOINTS)}
 
 
 def load_parameters() -> dict[str, float]:

@@ -24,6 +24,7 @@ from vgroove.gap.residual.impact.harmonics import (
     fit_harmonics,
     fundamental_hz,
     phase_at_centre,
+    straight_line,
 )
 from vgroove.units import TURN_RAD
 
@@ -102,17 +103,17 @@ class CycleReader:
         flat = columns.reshape(len(columns), -1)
         offset = np.repeat(columns.shape[2] * np.arange(sets), windows.count)
         first = np.tile(windows.first, sets)
-        signals = flat[:, (offset + first)[:, None] + np.arange(windows.rows)]
+        signals = windows.cut(columns).reshape(len(columns), -1, windows.rows)
         hz = fundamental_hz(signals, weight, row_s, np.tile(windows.band_hz, (sets, 1)))
         reference = self.columns.index(self.reference)
         phase = phase_at_centre(signals[reference], hz, row_s)
-        shift = np.where(np.tile(windows.periodic, sets), phase / (TURN_RAD * hz * row_s), 0.0)
+        cycle = np.tile(windows.periodic, sets)
+        shift = np.where(cycle, phase / (TURN_RAD * hz * row_s), 0.0)
         moved = np.clip(first - shift, 1.0, columns.shape[2] - windows.rows - 3.0)
         signals = interpolated(flat, offset + moved, windows.rows)
         found = fit_harmonics(signals, weight, row_s, hz, HARMONICS)
         level = found.level - found.slope_per_s * ((moved - first) * row_s)
-        mean, slope = _line(signals, row_s)
-        cycle = np.tile(windows.periodic, sets)
+        mean, slope = straight_line(signals, row_s)
         return replace(
             found,
             level=np.where(cycle, level, mean),
@@ -201,12 +202,6 @@ def interpolated(values: np.ndarray, first: np.ndarray, rows: int) -> np.ndarray
     )
     at = whole[:, None] + np.arange(rows)
     return sum(weight * values[:, at + k] for k, weight in enumerate(weights, -1))
-
-
-def _line(signals: np.ndarray, row_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and slope (S, N) of a straight line through windows (S, N, L)."""
-    t = row_s * (np.arange(signals.shape[2]) - 0.5 * (signals.shape[2] - 1))
-    return signals.mean(axis=2), signals @ t / (t @ t)
 
 
 def is_periodic(fit: HarmonicFit, reference: int, windows: CycleWindows) -> np.ndarray:

@@ -50,8 +50,8 @@ class CycleWindows:
         return self.first + self.rows // 2
 
     def cut(self, values: np.ndarray) -> np.ndarray:
-        """Values (B, rows of the log) as windows (B, W, L)."""
-        return values[:, self.first[:, None] + np.arange(self.rows)]
+        """Values (..., rows of the log) as windows (..., W, L)."""
+        return values[..., self.first[:, None] + np.arange(self.rows)]
 
 
 def cut_windows(

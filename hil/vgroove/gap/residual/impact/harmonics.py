@@ -36,18 +36,33 @@ class HarmonicFit:
     frequency_information: np.ndarray
 
 
+def centred_times(rows: int, row_s: float) -> np.ndarray:
+    """Times (L,) in s of a window's rows from its centre."""
+    return row_s * (np.arange(rows) - 0.5 * (rows - 1))
+
+
+def straight_line(windows: np.ndarray, row_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and slope per s (...) of a straight line through windows (..., L)."""
+    t = centred_times(windows.shape[-1], row_s)
+    return windows.mean(axis=-1), windows @ t / (t @ t)
+
+
+def tapered(windows: np.ndarray, row_s: float) -> np.ndarray:
+    """Windows (..., L) without their straight line, under a Hann taper."""
+    rows = windows.shape[-1]
+    level, slope = straight_line(windows, row_s)
+    line = level[..., None] + slope[..., None] * centred_times(rows, row_s)
+    return (windows - line) * np.hanning(rows)
+
+
 def fundamental_hz(
     signals: np.ndarray, weight: np.ndarray, row_s: float, band_hz: np.ndarray
 ) -> np.ndarray:
     """Frequency (N,) in Hz, inside the band_hz (N, 2), at which the powers of the first harmonics
     of signals (S, N, L), weighted by weight (S,), add to the most.
     """
-    rows = signals.shape[2]
-    size = 1 << (PADDING * rows - 1).bit_length()
-    t = np.linspace(-1.0, 1.0, rows)
-    level = signals.mean(axis=2, keepdims=True)
-    slope = (signals @ t)[..., None] / (t @ t)
-    spectrum = np.fft.rfft((signals - level - slope * t) * np.hanning(rows), size, axis=2)
+    size = 1 << (PADDING * signals.shape[2] - 1).bit_length()
+    spectrum = np.fft.rfft(tapered(signals, row_s), size, axis=2)
     power = np.einsum("snf,s->nf", spectrum.real**2 + spectrum.imag**2, weight)
     count = power.shape[1] // SUMMED_HARMONICS
     order = range(1, SUMMED_HARMONICS + 1)
@@ -66,11 +81,8 @@ def fundamental_hz(
 
 def phase_at_centre(signal: np.ndarray, frequency: np.ndarray, row_s: float) -> np.ndarray:
     """Phase (N,) in rad of the fundamental at the centres of windows (N, L) of one signal."""
-    rows = signal.shape[1]
-    t, x = row_s * (np.arange(rows) - 0.5 * (rows - 1)), np.linspace(-1.0, 1.0, rows)
-    left = signal - signal.mean(axis=1, keepdims=True) - np.outer(signal @ x / (x @ x), x)
-    turn = np.exp(-1j * TURN_RAD * frequency[:, None] * t)
-    return np.angle((left * np.hanning(rows) * turn).sum(axis=1))
+    turn = np.exp(-1j * TURN_RAD * frequency[:, None] * centred_times(signal.shape[1], row_s))
+    return np.angle((tapered(signal, row_s) * turn).sum(axis=1))
 
 
 def fit_harmonics(
@@ -115,7 +127,7 @@ class _Window:
     def at(values: np.ndarray, row_s: float, frequency: np.ndarray, harmonics: int) -> "_Window":
         """The fit of values (N, L, S) at frequencies (N,)."""
         rows, signals = values.shape[1:]
-        t = row_s * (np.arange(rows) - 0.5 * (rows - 1))
+        t = centred_times(rows, row_s)
         basis = _basis(t, frequency, harmonics)
         transposed = np.swapaxes(basis, 1, 2)
         normal = transposed @ basis

@@ -16,6 +16,7 @@ from vgroove.gap.cleaning.missing_values import (
     interpolate_missing,
 )
 from vgroove.gap.cleaning.sensor_noise import column_sigma, high_frequency_sigma
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
 from vgroove.gap.residual.clean_log import CleanLog, clean_log
 from vgroove.gap.residual.immutable import freeze_arrays
@@ -32,7 +33,6 @@ from vgroove.rig import Rig
 PLACES = ("first third of the run", "second third of the run", "last third of the run")
 SENSED = ("current_a", "speed_rpm", "supply_v")
 MIN_SIGMA = 1e-9  # of a column without noise
-EDGES_OF_A_COUNTER = 16  # docs/spec/gap.md, section 1: from here on edges are counted
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def prepare_impact_run(log: Any, rig: Rig) -> ImpactRun:
         measured,
         np.sqrt(variance),
         cut_blocks(clean.time_s, np.inf),
-        pulses if 0 < pulses < EDGES_OF_A_COUNTER else 0,
+        pulses if 0 < pulses < MIN_COUNTING_PULSES else 0,
         rig.sensors.get("hall_timeout_s", np.inf),
         tuple(clean.warnings),
     )

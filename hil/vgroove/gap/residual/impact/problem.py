@@ -7,14 +7,12 @@ start angle that follows the log best is compared with it (profile likelihood). 
 are those of the log's own scatter and of the start angles.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from vgroove.gap.residual.batches import split_by_structure
 from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
     START,
@@ -23,13 +21,10 @@ from vgroove.gap.residual.impact.roll_outs import (
     simulate,
     simulate_statistics,
 )
-from vgroove.gap.residual.problem import UNFINISHED_RESIDUAL, Problem, Traces
+from vgroove.gap.residual.problem import UNFINISHED_RESIDUAL, PortionLimits, Problem, Traces
 from vgroove.gap.residual.restart_angles import RestartAngles
-from vgroove.log import Log
 
-DRIVING = ("duty", "voltage_v", "coast", "load_nm")  # columns that drive the model
 OF_LOG = ", log "  # in the name of a value that one log has for itself
-SETS_AT_ONCE = 8  # parameter sets that a thread simulates at once
 
 
 @dataclass(frozen=True)
@@ -52,6 +47,8 @@ class ImpactProblem(Problem):
 
     own: tuple[tuple[OwnValue, ...], ...] = ()
     starts: tuple[np.ndarray, ...] = ()
+
+    portion: ClassVar[PortionLimits] = PortionLimits(sets=8)
 
     @cached_property
     def parameters(self) -> list[str]:
@@ -87,26 +84,16 @@ class ImpactProblem(Problem):
         """Missed edges are not counted in cycle statistics."""
         return 0.0, 0.0
 
-    def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
-        """(measured - model) / sigma (B, n) for theta (B, P) or (P,), finite."""
-        theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
-        out = np.empty((len(theta), self.n))
-        effects = [name.startswith("effects.") for name in self.parameters]
-        size = max(1, min(SETS_AT_ONCE, -(-len(theta) // self.threads)))
-        parts = split_by_structure((theta != self.theta0)[:, effects], size)
-
-        def fill(places: np.ndarray) -> None:
-            out[places] = (self.measured - self.models(theta[places])) / self.sigma
-
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(fill, parts))
-        out[~np.isfinite(out)] = UNFINISHED_RESIDUAL
-        return out
+    def _fill(self, out: np.ndarray, places: np.ndarray, theta: np.ndarray) -> None:
+        """Write the residuals of theta (b, P) to the rows `places` (b,) of out (B, n)."""
+        found = (self.measured - self.models(theta)) / self.sigma
+        out[places] = np.where(np.isfinite(found), found, UNFINISHED_RESIDUAL)
 
     def models(self, theta: np.ndarray) -> np.ndarray:
         """Statistics (B, n) of the model in their units, of each log those of the start angle that
         follows it best.
         """
+        theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         found = []
         for j, run in enumerate(self.runs):
             plant = self.of_log(j, theta)
@@ -126,15 +113,12 @@ class ImpactProblem(Problem):
             for j, run in enumerate(self.runs)
         ]
 
-    def simulated_log(self) -> Log:
-        """The first log with the columns that the rig simulates from the start angle that follows
-        it best.
+    def simulated_columns(self) -> dict[str, np.ndarray]:
+        """What the sensors of the rig's model would log in the first log (rows,), by judged column,
+        from the start angle that follows the log best.
         """
-        run, log = self.runs[0], self.runs[0].log
-        rows = model_columns(run, simulate(run, self.of_log(0, self.theta0[None])))
-        columns = {name: np.asarray(log.columns[name]) for name in DRIVING if name in log.columns}
-        columns |= {name: values[0] for name, values in rows.items()}
-        return Log(np.asarray(log.time_s), columns, "the simulation")
+        run, plant = self.runs[0], self.of_log(0, self.theta0[None])
+        return {name: rows[0] for name, rows in model_columns(run, simulate(run, plant)).items()}
 
     def iso18571(
         self, residual: np.ndarray, mask: np.ndarray | None = None
@@ -146,7 +130,7 @@ class ImpactProblem(Problem):
         """For plots, per log: statistic -> (time_s, measured, model), parts of a shape one after
         the other.
         """
-        model = self.models(np.atleast_2d(theta)[:1])[0]
+        model = self.models(theta)[0]
         found: list[Traces] = []
         for j in range(len(self.runs)):
             table: dict[str, Any] = {}

@@ -41,13 +41,11 @@ COLUMNS = (
     "angle_rad",
     "angle_measured_rad",
     "speed_measured_rad_s",
-    "anvil_torque_nm",
     "anvil_angle_rad",
     "hammer_mm",
 )
-MODE = (
-    "fast"  # accuracy of the plant; the error of the head's angle is 5e-5 (`vgroove bench speed`)
-)
+# accuracy of the plant; the error of the head's angle is 5e-5 (`vgroove bench speed`)
+MODE = "fast"
 
 
 def start_angles(theta0: np.ndarray) -> np.ndarray:
