@@ -20,6 +20,7 @@ PERIOD_S = CYCLES_PER_PERIOD / CPU_HZ
 EDGES_MAX = 8
 BYTES_MAX = 4
 ADC_CHANNELS = ("current", "bus", "trigger", "temperature")
+CURRENT, BUS, TRIGGER, TEMPERATURE = range(len(ADC_CHANNELS))
 SWITCH_CONTACT, SWITCH_REVERSE, SWITCH_MODE_SHIFT = 1, 2, 2
 
 _INPUTS = struct.Struct(f"<4H{EDGES_MAX}HBBB{BYTES_MAX}s")  # SimInputs of firmware/hal/sim/sim_io.h

@@ -5,15 +5,23 @@ sensors, switches, bridge, line, and the board itself.
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from vgroove.board import CPU_HZ, PERIOD_S, SWITCH_CONTACT, BoardInputs, BoardOutputs
+from vgroove.board import (
+    ADC_CHANNELS,
+    CPU_HZ,
+    CURRENT,
+    PERIOD_S,
+    SWITCH_CONTACT,
+    BoardInputs,
+    BoardOutputs,
+)
 from vgroove.errors import VgrooveError
+from vgroove.lockstep import ADC_COUNTS
 
-CURRENT, BUS, TRIGGER, TEMPERATURE = range(4)
-COUNT_TOP = 1023
+COUNT_TOP = ADC_COUNTS - 1
 CURRENT_OFFSET_COUNTS = 64  # 8 A
 REFERENCE_FACTOR = 1.1  # the reference is 9 % low
 BUS_DIP_COUNTS, BUS_DIP_S = 240, 0.02  # 6 V
@@ -44,8 +52,7 @@ Change = Callable[[BoardInputs, State, float], BoardInputs]
 def _with_counts(inputs: BoardInputs, **changed: int) -> BoardInputs:
     counts = list(inputs.adc_counts)
     for name, value in changed.items():
-        place = {"current": CURRENT, "bus": BUS, "trigger": TRIGGER, "temperature": TEMPERATURE}
-        counts[place[name]] = max(0, min(COUNT_TOP, value))
+        counts[ADC_CHANNELS.index(name)] = max(0, min(COUNT_TOP, value))
     return inputs._replace(adc_counts=tuple(counts))
 
 
@@ -208,14 +215,6 @@ def parse_injection(text: str) -> Injection:
     if not 0.0 <= at_s < float("inf"):
         raise VgrooveError(f"--fault {text}: write NAME@T with the time in s, such as {name}@0.5")
     return Injection(FAULTS[name], at_s)
-
-
-class Board(Protocol):
-    """A board in lock-step."""
-
-    def period(self, inputs: BoardInputs) -> BoardOutputs:
-        """One PWM period."""
-        ...
 
 
 @dataclass

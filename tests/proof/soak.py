@@ -40,7 +40,9 @@ OUTPUTS = np.dtype(
 
 
 def wrap_elf(tool: str, folder: Path) -> Path:
-    """The Uno's ELF of a tool whose time begins BEFORE_WRAP_S before 2^32 ms, built in a folder."""
+    """Build the Uno's ELF of a tool in a folder, with a telemetry clock that starts BEFORE_WRAP_S
+    before its wrap at 2^32 ms; the path of the ELF.
+    """
     elf = folder / tool / "vgroove.elf"
     if not elf.exists():
         start_ms = 2**32 - round(1000 * BEFORE_WRAP_S)

@@ -19,7 +19,8 @@ from vgroove.output import check_outputs, write_all
 from vgroove.page import Table
 from vgroove.progress import seconds_bar
 from vgroove.real_time.exchange import RealTimeRun, run_in_real_time
-from vgroove.real_time.figures import TICK_S, late_sentence, timing_figures, timing_rows
+from vgroove.real_time.figures import late_sentence, timing_figures, timing_rows
+from vgroove.real_time.frames import TICK_S
 from vgroove.real_time.link import BusLink, Link, SerialLink
 from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.recording_files import file_type

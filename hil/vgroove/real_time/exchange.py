@@ -10,7 +10,16 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
 from vgroove.errors import VgrooveError
-from vgroove.real_time.frames import DRIVE, SENSE_A, Drive, TickInputs, drive_of, sense_frames
+from vgroove.real_time.frames import (
+    CLOCK_COUNT_S,
+    DRIVE,
+    SENSE_A,
+    TICK_S,
+    Drive,
+    TickInputs,
+    drive_of,
+    sense_frames,
+)
 from vgroove.real_time.link import Link
 from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.telemetry import Counters, Frame, frame_bytes, frame_of
@@ -19,7 +28,6 @@ START_S = 3.0  # in which a board begins a run
 START_AGAIN_S = 0.05
 WAIT_S = 1e-3
 SEND_AGAIN_TICKS = 2.5  # of the board without an answer: inputs or answer are lost
-TICK_S = 1e-3
 SILENT_S = 1.0
 AHEAD = 2  # a command acts from the next tick on: the inputs that follow are of the one after it
 FIFO_PRIORITY = 10
@@ -67,7 +75,7 @@ class BoardClock:
             self._ticks = drive.clock_tick
             self._first = drive.clock_tick
         self._ticks += (drive.clock_tick - self._ticks) % 256
-        return (self._ticks - self._first) * 1e-3 + drive.clock_count * 4e-6
+        return (self._ticks - self._first) * TICK_S + drive.clock_count * CLOCK_COUNT_S
 
 
 @contextmanager

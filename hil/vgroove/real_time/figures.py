@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from vgroove.real_time.exchange import Exchange, RealTimeRun
+from vgroove.real_time.frames import TICK_S
 
-TICK_S = 1e-3
 QUANTILES = (("median", 50.0), ("99 %", 99.0), ("99.9 %", 99.9), ("worst", 100.0))
 WINDOW = 250  # exchanges; the least delay of each enters the fit of the clocks
 LISTED = 20  # late steps named one by one

@@ -13,6 +13,7 @@ SENSE_A, SENSE_B, SENSE_EDGES, DRIVE = 128, 129, 130, 131
 SAMPLES_MAX, EDGES_MAX = 8, 3
 SAMPLE_BITS, HALF = 10, 4  # four samples a frame
 FLAG_COAST, FLAG_LATER, FLAG_SAFE, FLAG_IDLE = 1, 2, 4, 8
+TICK_S = 1e-3
 CLOCK_COUNT_S = 4e-6  # of Timer2: 64 cycles
 
 _DRIVE = struct.Struct("<BhBBBB")

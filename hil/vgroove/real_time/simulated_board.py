@@ -22,8 +22,9 @@ def real_time_elf(tool: str = "impact") -> Path:
 
 
 class PacedBoard:
-    """A vgroove-board process; a context manager. `port` is the device of its UART, `pace` the
-    seconds of the board in one of the wall clock.
+    """The program vgroove-board (a simulated ATmega) as a process that ends with the context. port:
+    device of the pseudo-terminal that is its UART; pace: simulated seconds per second of the wall
+    clock.
     """
 
     def __init__(self, elf: Path, pace: float = 1.0, *options: str) -> None:

@@ -6,7 +6,7 @@ import struct
 from collections import deque
 
 from vgroove import lockstep
-from vgroove.board import CYCLES_PER_PERIOD
+from vgroove.board import BUS, CURRENT, CYCLES_PER_PERIOD, TEMPERATURE, TRIGGER
 from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.real_time.frames import EDGES_MAX, Drive, TickInputs
 from vgroove.scenario import Scenario, command_messages, make_plant
@@ -23,7 +23,6 @@ CAPTURE_CYCLES = 4  # of the noise canceller
 RECEIVE_CYCLE = 128
 PERIODS_PER_SAMPLE = 4
 # Channels of the ADC's 16 slots, firmware/drivers/adc_sequence.c
-CURRENT, BUS, TRIGGER, TEMPERATURE = range(4)
 SLOTS = (CURRENT, CURRENT, BUS, CURRENT, CURRENT, CURRENT, TRIGGER, CURRENT) + (
     CURRENT,
     CURRENT,

@@ -130,7 +130,9 @@ def drawn_scenarios(count: int, seed: int) -> Iterator[tuple[str, int, Scenario]
 
 
 def run_both(name: str, mode: int, scenario: Scenario) -> RunResult:
-    """Record a run and replay its inputs with both kinds."""
+    """Record the inputs of a run, and compute controllers and filters from them in fixed and in
+    floating point.
+    """
     ticks = record_ticks(scenario)
     control, filters = control_records(ticks), filter_records(ticks)
     return RunResult(
