@@ -3,6 +3,7 @@
 import math
 
 TURN_RAD = 2.0 * math.pi
+MINUTE_S = 60.0
 RPM_PER_RAD_S = 30.0 / math.pi
 RAD_S_PER_RPM = math.pi / 30.0
 BYTES_PER_KIB = 1 << 10

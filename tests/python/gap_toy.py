@@ -108,6 +108,7 @@ class Toy:
     angles = RestartAngles(())
     rig = rig_from_dict(TOOL, "toy")
     missed_edges = (0.0, 0.0)
+    difference_factor = 1.0
 
     def __init__(
         self,

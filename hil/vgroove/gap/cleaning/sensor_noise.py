@@ -19,6 +19,13 @@ DIFFERENCE_ORDERS = range(3, 9)  # orders of a position's differences in which n
 MIN_SAMPLES = 20  # finite samples below which no noise is estimated
 # 1 / the 75 % quantile of the normal distribution: median absolute deviation to sigma
 MAD_TO_SIGMA = 1.4826
+# keys of a rig's sensors that state noise and quantisation
+NOISE_KEYS = {
+    "current_a": "current_noise_a",
+    "supply_v": "supply_noise_v",
+    "speed_rpm": "speed_noise_rpm",
+}
+LSB_KEYS = {"current_a": "current_lsb_a", "supply_v": "", "speed_rpm": "speed_lsb_rpm"}
 # smallest standard deviation of each column, in its unit: a noiseless log must not divide by zero
 MIN_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}
 
@@ -153,13 +160,8 @@ def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
     """Standard deviation of the samples (n,) of current_a, supply_v or speed_rpm, in its unit:
     stated noise and quantisation, or the log's scatter where the rig states no noise.
     """
-    noise_key, lsb_key = {
-        "current_a": ("current_noise_a", "current_lsb_a"),
-        "supply_v": ("supply_noise_v", ""),
-        "speed_rpm": ("speed_noise_rpm", "speed_lsb_rpm"),
-    }[column]
-    rounding = rig.sensors.get(lsb_key, resolution_of(values)) / np.sqrt(12.0)
-    noise = rig.sensors.get(noise_key)
+    rounding = rig.sensors.get(LSB_KEYS[column], resolution_of(values)) / np.sqrt(12.0)
+    noise = rig.sensors.get(NOISE_KEYS[column])
     if noise is None:
         sigma = max(high_frequency_sigma(values), rounding)
     else:

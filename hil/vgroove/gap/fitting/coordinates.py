@@ -141,7 +141,7 @@ class HypothesisBuilder:
             0.0,
             low,
             high,
-            parameter.step,
+            self.problem.difference_factor * parameter.step,
             parameter.zero_below,
             physical=parameter.physical,
         )

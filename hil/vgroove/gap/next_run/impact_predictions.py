@@ -48,7 +48,7 @@ def predicted_statistics(
         run = prepare_impact_run(_recorded(problem, rig, log, profile, plant[:1]), rig)
     except (RuntimeError, ValueError, VgrooveError):
         return np.full((len(theta), 1), FAILED)
-    return run.flat(simulate_statistics(run, plant) / run.sigma)
+    return (simulate_statistics(run, plant) / run.sigma)[:, run.judged]
 
 
 def _rig_of_run(rig: Rig, profile: RunProfile) -> Rig:

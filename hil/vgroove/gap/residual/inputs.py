@@ -1,6 +1,6 @@
 """The columns that drive the model: command, measured bus, load torque, open bridge."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,11 @@ class DrivingColumns:
         """The plant's input, by default with the log's own command."""
         values = self.command if command is None else command
         return _core.LogInput(self.time_s, self.kind, values, **self.more)
+
+    def first_rows(self, count: int) -> "DrivingColumns":
+        """The columns up to a row."""
+        more = {n: v[:count] if isinstance(v, np.ndarray) else v for n, v in self.more.items()}
+        return replace(self, time_s=self.time_s[:count], command=self.command[:count], more=more)
 
 
 @dataclass(frozen=True)

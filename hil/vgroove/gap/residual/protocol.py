@@ -51,6 +51,11 @@ class MeasuredProblem(Protocol):
         """Motor angles at the restarts as the problem was loaded."""
         ...
 
+    @property
+    def difference_factor(self) -> float:
+        """Of the steps of finite differences: above 1 where small changes are amplified."""
+        ...
+
     def index(self, name: str) -> int:
         """Column of a parameter in theta."""
         ...

@@ -29,9 +29,6 @@ from vgroove.gap.residual.impact.harmonics import (
 from vgroove.units import TURN_RAD
 
 REFERENCES = ("current_a", "speed_rpm", "hammer_mm")  # columns whose fundamental may give the phase
-# Relative standard deviation of levels and periods besides scatter and noise: no tool repeats, and
-# no sensor keeps its scale, more closely from run to run
-REPEATABILITY = 1e-3
 NOISE_LEFT = 0.88  # RMS of unit white noise after interpolated(), over all places between rows
 SAMPLED = ("hammer_mm", "anvil_angle_rad")  # columns that are no means over the row
 MIN_CYCLES = 2.5  # of a window, which is about four cycles of the log long
@@ -160,8 +157,7 @@ class CycleReader:
         # values at the rows' ends, whose place in the cycle may be the same in all windows
         sampled = np.array([part.column in SAMPLED for part in self.parts])
         ratio = np.where(sampled, np.maximum(ratio, 1.0), ratio)
-        of_level = np.array([part.kind in (LEVEL, PERIOD) for part in self.parts])
-        found = np.maximum(left * ratio, least) + (REPEATABILITY * of_level * values) ** 2
+        found = np.maximum(left * ratio, least)
         of_cycle = np.array([part.kind not in (LEVEL, RISE) for part in self.parts])
         found[np.ix_(~self.windows.periodic, of_cycle)] = np.inf
         return found
@@ -190,9 +186,10 @@ class CycleReader:
 
 def interpolated(values: np.ndarray, first: np.ndarray, rows: int) -> np.ndarray:
     """Windows (S, N, L) of values (S, n) that begin at places first (N,) between rows, by cubic
-    Lagrange interpolation: windows moved by whole rows would make the statistics jump.
+    Lagrange interpolation: windows moved by whole rows would make the statistics jump. nan where
+    the place is.
     """
-    whole = np.floor(first).astype(int)
+    whole = np.floor(np.nan_to_num(first, nan=1.0)).astype(int)
     f = (first - whole)[:, None]
     weights = (
         -f * (f - 1.0) * (f - 2.0) / 6.0,

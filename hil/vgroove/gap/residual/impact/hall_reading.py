@@ -18,7 +18,8 @@ def mean_hall_speed(
     angle: np.ndarray, speed: np.ndarray, row_s: float, pulses: int, timeout_s: float
 ) -> np.ndarray:
     """Mean readings (B, rows) in rad/s of a sensor with `pulses` edges a turn, from angles in rad
-    and speeds in rad/s (B, rows) at rows every row_s; 0 where an edge period exceeds timeout_s.
+    and speeds in rad/s (B, rows) at rows every row_s; 0 where an edge period exceeds timeout_s,
+    nan where the plant could not simulate.
     """
     pitch = TURN_RAD / pulses
     period = pitch / np.maximum(np.abs(speed), 1e-9)
@@ -42,7 +43,7 @@ def _at(integral: np.ndarray, angle: np.ndarray, place: np.ndarray, row_s: float
     """The integral (B, rows) at places between rows (B, rows), by cubic Hermite interpolation; 0
     before the first row, where the shaft rests at angle 0.
     """
-    inside = np.maximum(place, 0.0)
+    inside = np.maximum(np.nan_to_num(place), 0.0)
     row = np.minimum(inside.astype(int), integral.shape[1] - 2)
     f = inside - row
     g = 1.0 - f

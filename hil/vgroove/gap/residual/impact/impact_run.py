@@ -2,7 +2,9 @@
 their measured statistics with standard deviations.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,45 +17,58 @@ from vgroove.gap.cleaning.missing_values import (
     hold_last_value,
     interpolate_missing,
 )
-from vgroove.gap.cleaning.sensor_noise import column_sigma, high_frequency_sigma
+from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS, column_sigma, high_frequency_sigma
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
 from vgroove.gap.residual.clean_log import CleanLog, clean_log
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.impact.cycle_statistics import (
+    NOISE_LEFT,
     REFERENCES,
     CycleReader,
+    StatisticPart,
     is_periodic,
     statistic_parts,
 )
 from vgroove.gap.residual.impact.cycle_windows import RULES, CycleWindows, cut_windows
+from vgroove.gap.residual.impact.nuisance import NuisanceDirections
+from vgroove.gap.residual.impact.run_up import RunUp, run_up_spans
 from vgroove.gap.residual.inputs import read_input
 from vgroove.rig import Rig
 
 PLACES = ("first third of the run", "second third of the run", "last third of the run")
 SENSED = ("current_a", "speed_rpm", "supply_v")
 MIN_SIGMA = 1e-9  # of a column without noise
+REST_SIGMAS = 5.0  # speed of the first row, in standard deviations, up to which the tool rests
+NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class ImpactRun:
-    """One log prepared for the comparison of cycle statistics; immutable.
+    """One log prepared for the comparison of statistics; immutable.
 
-    log: cleaned; drive: the plant's input; reader: of the statistics; measured, sigma (W, K): the
-    log's statistics and their standard deviations, without the scatter of start angles; pulses:
-    edges a turn of a Hall sensor (0: the speed is not made from edges); timeout_s: after which it
-    reads 0.
+    log: cleaned; drive: the plant's input; early: its rows of the run-up alone (None: no run-up, or
+    the rig states the start angle of the hammer); reader: of the cycle's statistics; run_up: spans
+    before the cycle has settled; measured, sigma (n,): the log's statistics, part by part, and
+    their standard deviations, infinite for those that are not judged; nuisance: how the judged ones
+    respond to what no log tells; search_weights (K, m): of the judged statistics of the run-up in
+    the steps of the search for the start angle of the hammer; pulses: edges a turn of a Hall sensor
+    (0: the speed is not made from edges); timeout_s: after which it reads 0.
     """
 
     log: Any
     drive: _core.LogInput
+    early: _core.LogInput | None
     reader: CycleReader
+    run_up: RunUp
     measured: np.ndarray
     sigma: np.ndarray
     blocks: FoldBlocks
     pulses: int
     timeout_s: float
     warnings: tuple[str, ...]
+    nuisance: NuisanceDirections | None = None
+    search_weights: np.ndarray = field(default_factory=lambda: NONE)
     edge_scale: float = 1.0  # of the edge speeds against the time stamps; not estimated here
 
     def __post_init__(self) -> None:
@@ -64,12 +79,54 @@ class ImpactRun:
         """The windows of the log."""
         return self.reader.windows
 
-    def flat(self, statistics: np.ndarray) -> np.ndarray:
-        """Statistics (..., W, K) as residuals are ordered (..., n), part by part; without those of
-        a cycle in windows that have none.
+    @property
+    def parts(self) -> tuple[StatisticPart, ...]:
+        """What the numbers of a window, and then of a span, are."""
+        return (*self.reader.parts, *self.run_up.parts)
+
+    def of_places(self, windows: np.ndarray, spans: np.ndarray) -> np.ndarray:
+        """Values of windows (W,) and of spans (M,) as a value of each statistic (n,)."""
+        cycles = np.tile(windows, len(self.reader.parts))
+        return np.concatenate([cycles, np.tile(spans, len(self.run_up.parts))])
+
+    @cached_property
+    def part(self) -> np.ndarray:
+        """Index (n,) of each statistic in `parts`."""
+        count = [self.windows.count] * len(self.reader.parts)
+        count += [len(self.run_up.first)] * len(self.run_up.parts)
+        return np.repeat(np.arange(len(count)), count)
+
+    @cached_property
+    def is_run_up(self) -> np.ndarray:
+        """Whether each statistic (n,) belongs to a span of the run-up."""
+        return self.part >= len(self.reader.parts)
+
+    @cached_property
+    def row(self) -> np.ndarray:
+        """Row (n,) at the centre of each statistic's window or span."""
+        return self.of_places(self.windows.centre, self.run_up.centre)
+
+    @cached_property
+    def judged(self) -> np.ndarray:
+        """Whether each statistic (n,) is judged."""
+        return np.isfinite(self.sigma)
+
+    def read(self, columns: Mapping[str, np.ndarray], add_noise: bool) -> np.ndarray:
+        """Statistics (B, n) of columns (B, rows); add_noise: of a simulation, whose scatter lacks
+        the sensors' noise.
         """
-        kept = np.isfinite(self.sigma).T
-        return np.swapaxes(statistics, -1, -2)[..., kept]
+        cycles = self.reader.statistics(self.reader.fit(columns), add_noise)
+        spans = self.run_up.means(columns)
+        parts = np.swapaxes(cycles, 1, 2), spans
+        return np.concatenate([each.reshape(len(each), -1) for each in parts], axis=1)
+
+    def residuals(self, statistics: np.ndarray) -> np.ndarray:
+        """(measured - model) / sigma of the judged statistics (..., judged) for a model's (..., n),
+        without what nuisances explain.
+        """
+        kept = self.judged
+        found = (self.measured[kept] - statistics[..., kept]) / self.sigma[kept]
+        return found if self.nuisance is None else self.nuisance.whitened(found)
 
 
 def prepare_impact_run(log: Any, rig: Rig) -> ImpactRun:
@@ -84,21 +141,40 @@ def prepare_impact_run(log: Any, rig: Rig) -> ImpactRun:
         )
     noise = {name: column_noise(clean, name, values[name]) for name in values}
     windows = windows_of(clean, drive.command, values, noise)
-    reader = reader_of(windows, values, noise)
-    fit = reader.fit({name: column[None] for name, column in values.items()})
-    measured, variance = reader.statistics(fit, False)[0], reader.variances(fit)
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
-    return ImpactRun(
+    pulses = pulses if 0 < pulses < MIN_COUNTING_PULSES else 0
+    reader = reader_of(rig, windows, values, noise)
+    moving = np.abs(values.get("speed_rpm", np.zeros(1))[0]) > REST_SIGMAS * noise.get(
+        "speed_rpm", 0.0
+    )
+    run_up = run_up_spans(reader.windows, drive.command, tuple(values), pulses, not moving)
+    run = ImpactRun(
         clean.log,
         drive.plant(),
+        drive.first_rows(run_up.end_row).plant() if run_up.end_row else None,
         reader,
-        measured,
-        np.sqrt(variance),
+        run_up,
+        NONE,
+        NONE,
         cut_blocks(clean.time_s, np.inf),
-        pulses if 0 < pulses < MIN_COUNTING_PULSES else 0,
+        pulses,
         rig.sensors.get("hall_timeout_s", np.inf),
         tuple(clean.warnings),
     )
+    columns = {name: column[None] for name, column in values.items()}
+    return replace(run, measured=run.read(columns, False)[0], sigma=own_sigma(run, columns))
+
+
+def own_sigma(run: ImpactRun, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Standard deviations (n,) of a log's statistics from its own columns (1, rows): scatter and
+    noise; infinite for windows that spans replace.
+    """
+    reader, run_up = run.reader, run.run_up
+    variance = reader.variances(reader.fit(columns))
+    replaced = run.windows.first + 1 < run_up.end_row
+    variance[replaced] = np.inf
+    spans = run_up.sigma(run_up.means(columns)[0], reader.noise)
+    return np.concatenate([np.sqrt(variance).T.ravel(), spans.ravel()])
 
 
 def judged_columns(log: CleanLog) -> dict[str, np.ndarray]:
@@ -138,17 +214,35 @@ def windows_of(
 
 
 def reader_of(
-    windows: CycleWindows, values: dict[str, np.ndarray], noise: dict[str, float]
+    rig: Rig, windows: CycleWindows, values: dict[str, np.ndarray], noise: dict[str, float]
 ) -> CycleReader:
     """The reader whose phase comes from the column with the clearest fundamental."""
     names = tuple(values)
     trial = CycleReader(windows, noise, names[0], ())
     fit = trial.fit({name: column[None] for name, column in values.items()})
+    left = dict(zip(names, np.median(fit.scatter, axis=1), strict=True))
     clear = {
-        name: float(np.median(np.abs(fit.amplitude[names.index(name), :, 0]) / noise_left))
+        name: float(np.median(np.abs(fit.amplitude[names.index(name), :, 0]) / left[name]))
         for name in REFERENCES
-        if name in names and (noise_left := float(np.median(fit.scatter[names.index(name)]))) > 0.0
+        if name in names and left[name] > 0.0
     }
     reference = max(clear, key=lambda n: clear[n])
     windows = replace(windows, periodic=is_periodic(fit, names.index(reference), windows))
+    noise = noise_of_cycles(rig, noise, names, fit.scatter[:, windows.periodic])
     return CycleReader(windows, noise, reference, statistic_parts(names, reference))
+
+
+def noise_of_cycles(
+    rig: Rig, noise: dict[str, float], names: tuple[str, ...], scatter: np.ndarray
+) -> dict[str, float]:
+    """Noise of the columns, of which an estimate is at most the scatter (S, W) that the harmonics
+    of the cycle leave: the cycle itself has high frequencies.
+    """
+    if not scatter.size:
+        return noise
+    left = dict(zip(names, np.median(scatter, axis=1) / NOISE_LEFT, strict=True))
+    stated = {name for name in names if NOISE_KEYS.get(name) in rig.sensors}
+    return {
+        name: sigma if name in stated else max(MIN_SIGMA, min(sigma, float(left[name])))
+        for name, sigma in noise.items()
+    }

@@ -8,31 +8,19 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue.statistics import PERIOD, SHAPE
+from vgroove.gap.catalogue.statistics import PERIOD, RUN_UP, SHAPE
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.impact.cycle_statistics import StatisticPart
 from vgroove.gap.residual.impact.impact_run import PLACES, ImpactRun, prepare_impact_run
 from vgroove.gap.residual.impact.problem import OF_LOG, ImpactProblem, OwnValue
-from vgroove.gap.residual.impact.roll_outs import (
-    MODE,
-    PARAMETERS,
-    START,
-    choose_starts,
-    from_starts,
-    simulate_statistics,
-    start_angles,
-)
+from vgroove.gap.residual.impact.roll_outs import MODE, PARAMETERS
+from vgroove.gap.residual.impact.start_angle import START
+from vgroove.gap.residual.impact.unknowns import with_nuisances
 from vgroove.gap.residual.problem import SignalInfo
 from vgroove.rig import Rig
 
-KINDS = {PERIOD: "period", SHAPE: "shape of the cycle"}
+KINDS = {PERIOD: "period", SHAPE: "shape of the cycle", RUN_UP: "run-up"}
 OTHER_KIND = "level"
-# scatter over the start angles, in standard deviations of a log's statistic, above which the
-# statistic is not judged
-MAX_START_SHARE = 5.0
-# Relative standard deviation of a slip torque along the joint, which no log states: wood and
-# lubricated threads vary by a few per cent from place to place (an estimate)
-SLIP_TORQUE, ROUGHNESS = "effects.thread_friction.relative", 0.03
 
 
 def load_impact_problem(
@@ -45,17 +33,11 @@ def load_impact_problem(
     tools = list(joints) or [rig] * len(logs)
     runs, starts, nominal = [], [], []
     for log, tool in zip(logs, tools, strict=True):
-        run, theta = prepare_impact_run(log, tool), tool.parameters()
-        nominal.append(_nominal(run, theta))
-        stated = "hammer_start_rad" in rig.mechanism
-        tried = theta[[PARAMETERS.index(START)]] if stated else start_angles(theta)
-        neutral = without_effects(theta)
-        plain = simulate_statistics(run, from_starts(neutral, tried))
-        runs.append(with_roughness(with_start_scatter(run, plain), neutral))
-        found = plain
-        if not np.array_equal(neutral, theta):
-            found = simulate_statistics(runs[-1], from_starts(theta, tried))
-        starts.append(choose_starts(runs[-1], tried, found))
+        run = prepare_impact_run(log, tool)
+        nominal.append(_nominal(run, tool.parameters()))
+        run, angles = with_nuisances(run, tool)
+        runs.append(run)
+        starts.append(angles)
     own = own_values(rig, tools, starts, bool(joints))
     problem = _joined(rig, tuple(runs), threads)
     values = [v for log_values in own for _, v in log_values]
@@ -103,9 +85,9 @@ def _nominal(run: ImpactRun, theta: np.ndarray) -> dict[str, np.ndarray]:
 def _joined(rig: Rig, runs: tuple[ImpactRun, ...], threads: int) -> ImpactProblem:
     """The arrays of all logs, statistic by statistic and window by window."""
     names = judged_signals(runs)
-    units = {p.signal: p.unit for run in runs for p in run.reader.parts}
-    kinds = (*KINDS.values(), OTHER_KIND)
-    regimes = tuple(f"{kind}, {place}" for kind in kinds for place in PLACES)
+    units = {p.signal: p.unit for run in runs for p in run.parts}
+    kinds = (KINDS[PERIOD], KINDS[SHAPE], OTHER_KIND)
+    regimes = (KINDS[RUN_UP], *(f"{kind}, {place}" for kind in kinds for place in PLACES))
     tables = [_residual_table(j, run, names, regimes) for j, run in enumerate(runs)]
     arrays = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     sigma, signal = arrays["sigma"], arrays["signal"]
@@ -132,10 +114,7 @@ def judged_signals(runs: Sequence[ImpactRun]) -> list[str]:
     motion, whose cycles are longer than a window, has levels alone.
     """
     found = dict.fromkeys(
-        part.signal
-        for run in runs
-        for k, part in enumerate(run.reader.parts)
-        if np.isfinite(run.sigma[:, k]).any()
+        run.parts[k].signal for run in runs for k in np.unique(run.part[run.judged])
     )
     if not found:
         sources = ", ".join(str(run.log.source) for run in runs)
@@ -149,61 +128,30 @@ def judged_signals(runs: Sequence[ImpactRun]) -> list[str]:
 def _residual_table(
     j: int, run: ImpactRun, names: Sequence[str], regimes: Sequence[str]
 ) -> dict[str, np.ndarray]:
-    """Arrays of Problem for the residuals of log j, in the order of ImpactRun.flat."""
-    windows, parts = run.windows, run.reader.parts
-    row = np.tile(windows.centre[:, None], len(parts))
+    """Arrays of Problem for the residuals of log j: its judged statistics."""
+    kept, parts = run.judged, run.parts
+    part, row = run.part[kept], run.row[kept]
     time_s = np.asarray(run.log.time_s, float)[row]
-    block = run.blocks.of(time_s.ravel()).reshape(row.shape)
-    place = np.arange(windows.count) * len(PLACES) // windows.count
-    place_of = {name: k for k, name in enumerate(names)}
-    table = {
-        "signal": np.tile([place_of.get(p.signal, -1) for p in parts], (windows.count, 1)),
-        "log": np.full(row.shape, j),
+    block = run.blocks.of(time_s)
+    windows = np.arange(run.windows.count) * len(PLACES) // run.windows.count
+    place = run.of_places(windows, np.zeros(len(run.run_up.first), int))[kept]
+    return {
+        "signal": np.array([names.index(parts[k].signal) for k in part]),
+        "log": np.full(len(row), j),
         "row": row,
         "time_s": time_s,
-        "measured": run.measured,
-        "sigma": run.sigma,
+        "measured": run.measured[kept],
+        "sigma": run.sigma[kept],
         "block": block,
-        "regime": np.array([[regimes.index(_regime(p, PLACES[k])) for p in parts] for k in place]),
+        "regime": np.array(
+            [regimes.index(_regime(parts[k], PLACES[n])) for k, n in zip(part, place, strict=True)]
+        ),
         "fold": run.blocks.fold_of(block),
-        "judged": run.blocks.judged(block.ravel()).reshape(row.shape),
+        "judged": run.blocks.judged(block),
     }
-    return {name: run.flat(values) for name, values in table.items()}
 
 
 def _regime(part: StatisticPart, place: str) -> str:
-    """Kind of a statistic, and the place along the run."""
-    return f"{KINDS.get(part.kind, OTHER_KIND)}, {place}"
-
-
-def with_start_scatter(run: ImpactRun, statistics: np.ndarray) -> ImpactRun:
-    """The run whose standard deviations contain the scatter of statistics (M, W, K) over the start
-    angles; of windows without a cycle, whose phase is not known either, their whole range. What
-    shows little but the start angle is not judged.
-    """
-    scatter = np.nan_to_num(statistics.std(axis=0))
-    scatter = np.where(
-        run.windows.periodic[:, None], scatter, np.nan_to_num(np.ptp(statistics, axis=0))
-    )
-    sigma = np.hypot(run.sigma, scatter)
-    return replace(run, sigma=np.where(scatter > MAX_START_SHARE * run.sigma, np.inf, sigma))
-
-
-def with_roughness(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
-    """The run whose standard deviations contain the roughness of the joint: the response of the
-    statistics to a slip torque that is larger throughout, times ROUGHNESS.
-    """
-    both = np.stack([theta, theta])
-    both[1, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
-    plain, more = simulate_statistics(run, both)
-    return replace(run, sigma=np.hypot(run.sigma, np.nan_to_num(more - plain)))
-
-
-def without_effects(theta: np.ndarray) -> np.ndarray:
-    """Parameters (P,) with the effects of a rig off, so that standard deviations are those of the
-    rig's own model, whatever effects `--out-rig` has added to it.
-    """
-    neutral, plain = np.array(_core.parameter_defaults(), dtype=float), theta.copy()
-    effects = [k for k, name in enumerate(PARAMETERS) if name.startswith("effects.")]
-    plain[effects] = neutral[effects]
-    return plain
+    """Kind of a statistic, and the place along the run where it has one."""
+    kind = KINDS.get(part.kind, OTHER_KIND)
+    return kind if part.kind == RUN_UP else f"{kind}, {place}"

@@ -15,12 +15,13 @@ import numpy as np
 
 from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
-    START,
     clipped_cost,
     model_columns,
+    run_up_means,
     simulate,
     simulate_statistics,
 )
+from vgroove.gap.residual.impact.start_angle import COLUMN, profiled_starts, with_start
 from vgroove.gap.residual.problem import UNFINISHED_RESIDUAL, PortionLimits, Problem, Traces
 from vgroove.gap.residual.restart_angles import RestartAngles
 
@@ -49,6 +50,8 @@ class ImpactProblem(Problem):
     starts: tuple[np.ndarray, ...] = ()
 
     portion: ClassVar[PortionLimits] = PortionLimits(sets=8)
+    # impacts amplify small changes: slopes over short steps are those of single blows
+    difference_factor: ClassVar[float] = 4.0
 
     @cached_property
     def parameters(self) -> list[str]:
@@ -86,30 +89,43 @@ class ImpactProblem(Problem):
 
     def _fill(self, out: np.ndarray, places: np.ndarray, theta: np.ndarray) -> None:
         """Write the residuals of theta (b, P) to the rows `places` (b,) of out (B, n)."""
-        found = (self.measured - self.models(theta)) / self.sigma
-        out[places] = np.where(np.isfinite(found), found, UNFINISHED_RESIDUAL)
+        found = [run.residuals(self._statistics(j, theta)) for j, run in enumerate(self.runs)]
+        every = np.concatenate(found, axis=1)
+        out[places] = np.where(np.isfinite(every), every, UNFINISHED_RESIDUAL)
 
     def models(self, theta: np.ndarray) -> np.ndarray:
-        """Statistics (B, n) of the model in their units, of each log those of the start angle that
-        follows it best.
-        """
-        theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
-        found = []
-        for j, run in enumerate(self.runs):
-            plant = self.of_log(j, theta)
-            every = [simulate_statistics(run, plant)]
-            for start in self.starts[j]:
-                plant[:, PARAMETERS.index(START)] = start
-                every.append(simulate_statistics(run, plant))
-            cost = [clipped_cost(run, each).sum(axis=1) for each in every]
-            best = np.argmin(cost, axis=0)
-            found.append(run.flat(np.stack(every)[best, np.arange(len(theta))]))
+        """Judged statistics (B, n) of the model in their units."""
+        found = [self._statistics(j, theta)[:, run.judged] for j, run in enumerate(self.runs)]
         return np.concatenate(found, axis=1)
+
+    def _statistics(self, j: int, theta: np.ndarray) -> np.ndarray:
+        """Statistics (B, n of the log) of log j: the run-up from the start angle that it shows for
+        each parameter set, the cycles from the same angles for all sets, of these from the one that
+        follows the log best: cycles that depend on the start must not follow its every change.
+        """
+        run = self.runs[j]
+        plant = self.of_log(j, np.ascontiguousarray(np.atleast_2d(theta), dtype=float))
+        every = [simulate_statistics(run, plant)]
+        for start in self.starts[j]:
+            every.append(simulate_statistics(run, with_start(plant, start)))
+        statistics = np.stack(every)
+        if run.early is not None:
+            plant[:, COLUMN] = profiled_starts(run, plant)
+            statistics[..., run.is_run_up] = run_up_means(run, plant)
+        best = np.argmin(clipped_cost(run, statistics), axis=0)
+        return statistics[best, np.arange(len(plant))]
+
+    def from_run_up(self, j: int, theta: np.ndarray) -> np.ndarray:
+        """The plant's parameters (B, P) for log j, with the start angle that its run-up shows."""
+        plant = self.of_log(j, np.ascontiguousarray(np.atleast_2d(theta), dtype=float))
+        if self.runs[j].early is not None:
+            plant[:, COLUMN] = profiled_starts(self.runs[j], plant)
+        return plant
 
     def motor_angles(self, theta: np.ndarray) -> list[np.ndarray]:
         """Angle (rows,) in rad of the motor in each log, for theta (P,)."""
         return [
-            simulate(run, self.of_log(j, theta[None]))["angle_rad"][0]
+            simulate(run, self.from_run_up(j, theta))["angle_rad"][0]
             for j, run in enumerate(self.runs)
         ]
 
@@ -117,7 +133,7 @@ class ImpactProblem(Problem):
         """What the sensors of the rig's model would log in the first log (rows,), by judged column,
         from the start angle that follows the log best.
         """
-        run, plant = self.runs[0], self.of_log(0, self.theta0[None])
+        run, plant = self.runs[0], self.from_run_up(0, self.theta0)
         return {name: rows[0] for name, rows in model_columns(run, simulate(run, plant)).items()}
 
     def iso18571(

@@ -1,0 +1,186 @@
+"""The start angle of the hammer, which no log tells but which its run-up shows: the angle at which
+the simulation follows the log best, for each parameter set anew (profile likelihood).
+
+The motion settles on a limit cycle, so the start matters in the run-up only. Where several limit
+cycles exist, different starts may reach different ones, and the cycles of all are compared.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
+from vgroove.gap.residual.impact.impact_run import ImpactRun
+from vgroove.gap.residual.impact.roll_outs import (
+    PARAMETERS,
+    clipped_cost,
+    run_up_residuals,
+    simulate_statistics,
+)
+from vgroove.units import TURN_RAD
+
+
+@dataclass(frozen=True)
+class StartRules:
+    """How many start angles of the hammer are simulated; chosen on simulated runs."""
+
+    # over the free angle between two lugs: the first blow tells it to about a fortieth of that
+    tried: int = 96
+    # of the tried ones, besides the best one, where the last half of the run depends on the start
+    spread: tuple[int, ...] = (8, 40, 72)
+    # RMS difference between the starts, in standard deviations, up to which it does not
+    max_spread: float = 1.0
+    # for each parameter set: over the same angle, and how often the step beside the best is halved
+    first: int = 12
+    halved: int = 3
+    rounds: int = 2  # Gauss-Newton steps from the best of these
+    difference_rad: float = 1e-3  # between the two angles that give a slope
+    for_curvature: int = 7  # angles from which the curvature within a step is taken
+
+
+STARTS = StartRules()
+HUBER_SIGMAS = 4.0  # threshold of Huber's loss
+# deviation by the start angle, in standard deviations of a log's statistic, above which the
+# statistic is not judged
+MAX_SHARE = 5.0
+START, LUGS, OVERLAP = (
+    "mechanism.hammer_start_rad",
+    "mechanism.lug_count",
+    "mechanism.lug_overlap_rad",
+)
+COLUMN = PARAMETERS.index(START)
+
+
+def start_angles(theta0: np.ndarray, count: int = STARTS.tried) -> np.ndarray:
+    """Start angles (count,) in rad of the hammer over the free angle between two lugs, for the
+    rig's parameters (P,).
+    """
+    return -free_angle(theta0) / count * (np.arange(count) + 0.5)
+
+
+def free_angle(theta0: np.ndarray) -> float:
+    """Angle in rad that the hammer's lugs can turn between two lugs of the anvil."""
+    lugs, overlap = theta0[PARAMETERS.index(LUGS)], theta0[PARAMETERS.index(OVERLAP)]
+    return float(TURN_RAD / lugs - overlap)
+
+
+def from_starts(theta: np.ndarray, start_rad: np.ndarray) -> np.ndarray:
+    """Parameter sets (M, P): a set (P,) with each start angle (M,) of the hammer."""
+    every = np.tile(theta, (len(start_rad), 1))
+    every[:, COLUMN] = start_rad
+    return every
+
+
+def with_start(theta: np.ndarray, start_rad: float) -> np.ndarray:
+    """Parameter sets (B, P) with the same start angle of the hammer."""
+    found = theta.copy()
+    found[:, COLUMN] = start_rad
+    return found
+
+
+def closest_start(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> float:
+    """The start angle in rad, of those tried (M,), from which a parameter set (P,) follows the log
+    best: its run-up, where there is one.
+    """
+    tried = from_starts(theta, start_rad)
+    if run.early is None:
+        return float(start_rad[np.argmin(clipped_cost(run, simulate_statistics(run, tried)))])
+    return float(start_rad[np.argmin(_misfit(run_up_residuals(run, tried)))])
+
+
+def with_start_curvature(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
+    """The run whose run-up allows for its curvature near the start angle of a parameter set (P,):
+    later blows depend on the angle ever more steeply. The standard deviations contain it within the
+    last step of the search, from which Gauss-Newton steps start; the weights of the search, within
+    each of its steps.
+    """
+    if run.early is None:
+        return run
+    steps = search_steps(theta)
+    run = with_deviations(run, _curvature(run, theta, steps[-1]))
+    kept = run.is_run_up & run.judged
+    ratio = [_curvature(run, theta, step)[kept] / run.sigma[kept] for step in steps]
+    return replace(run, search_weights=1.0 / np.hypot(1.0, ratio))
+
+
+def search_steps(theta: np.ndarray) -> np.ndarray:
+    """Steps (K,) in rad of the search for the start angle of parameters (P,)."""
+    return free_angle(theta) / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1)
+
+
+def _curvature(run: ImpactRun, theta: np.ndarray, near_rad: float) -> np.ndarray:
+    """RMS (n,) of what is not proportional to the start angle in the run-up of a parameter set
+    (P,), within a distance; in the units of the statistics.
+    """
+    middle = np.clip(theta[COLUMN], near_rad - free_angle(theta), -near_rad)
+    beside = near_rad * np.linspace(-1.0, 1.0, STARTS.for_curvature)
+    change = np.nan_to_num(run_up_residuals(run, from_starts(theta, middle + beside)))
+    design = np.stack([np.ones_like(beside), beside], axis=1)
+    left = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
+    found, kept = np.zeros(len(run.part)), run.is_run_up & run.judged
+    found[kept] = np.sqrt((left**2).mean(axis=0)) * run.sigma[kept]
+    return found
+
+
+def with_deviations(run: ImpactRun, deviation: np.ndarray) -> ImpactRun:
+    """The run with further independent deviations (n,) of its statistics; those that show little
+    else are not judged.
+    """
+    sigma = np.hypot(run.sigma, deviation)
+    return replace(run, sigma=np.where(deviation > MAX_SHARE * run.sigma, np.inf, sigma))
+
+
+def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
+    """Start angles (B,) in rad from which parameter sets (B, P) follow the run-up best."""
+    limit, steps = free_angle(theta[0]), search_steps(theta[0])
+    tried = np.tile(start_angles(theta[0], STARTS.first), (len(theta), 1))
+    start = _best_of(run, theta, tried, run.search_weights[0])
+    for step, weight in zip(steps[1:], run.search_weights[1:], strict=True):
+        tried = start[:, None] + np.array([-step, 0.0, step])
+        start = _best_of(run, theta, np.clip(tried, -limit, 0.0), weight)
+    for _ in range(STARTS.rounds):
+        change = np.clip(_step(run, theta, start), -steps[-1], steps[-1])
+        start = np.clip(start + change, -limit, 0.0)
+    return start
+
+
+def _best_of(
+    run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """Of the start angles (B, K) in rad of each parameter set (B, P) the best one (B,), under
+    weights (m,) of the residuals.
+    """
+    tried = np.repeat(theta, start_rad.shape[1], axis=0)
+    tried[:, COLUMN] = start_rad.ravel()
+    misfit = _misfit(run_up_residuals(run, tried) * weight).reshape(start_rad.shape)
+    return np.take_along_axis(start_rad, np.argmin(misfit, axis=1)[:, None], axis=1)[:, 0]
+
+
+def _step(run: ImpactRun, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Gauss-Newton step (B,) in rad under Huber's loss."""
+    pair = np.concatenate([theta, theta])
+    pair[:, COLUMN] = np.concatenate([start, start + STARTS.difference_rad])
+    rows = np.nan_to_num(run_up_residuals(run, pair))
+    at, moved = rows.reshape(2, len(theta), -1)
+    slope = (moved - at) / STARTS.difference_rad
+    weight = 1.0 / np.maximum(np.abs(at) / HUBER_SIGMAS, 1.0)
+    power = np.maximum((weight * slope**2).sum(axis=1), np.finfo(float).tiny)
+    return -(weight * slope * at).sum(axis=1) / power
+
+
+def _misfit(residual: np.ndarray) -> np.ndarray:
+    """Sum (...) of the absolute residuals (..., m), which an effect that acts later moves little;
+    infinite where the plant cannot simulate.
+    """
+    return np.nan_to_num(np.abs(residual), nan=np.inf).sum(axis=-1)
+
+
+def other_starts(run: ImpactRun, start_rad: np.ndarray, statistics: np.ndarray) -> np.ndarray:
+    """Start angles to simulate besides the best one, of those (M,) whose statistics (M, n) are
+    given: some where the end of the run depends on the start, else none.
+    """
+    end = run.judged & (run.row > len(run.log.time_s) // 2)
+    size = np.minimum(np.std(statistics[:, end], axis=0) / run.sigma[end], MIN_CLIP_SIGMAS)
+    if np.isfinite(size).any() and np.sqrt(np.nanmean(size**2)) > STARTS.max_spread:
+        return start_rad[list(STARTS.spread)]
+    return start_rad[:0]

@@ -1,0 +1,127 @@
+"""The run-up of a hammering log: the start angle of the hammer that it shows, the statistics of its
+spans, and the nuisance directions beside which all statistics are judged.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impact_logs import PARAMETERS, impact_rig, plant_log, ramp
+from vgroove.gap.catalogue.statistics import RUN_UP
+from vgroove.gap.residual.impact.nuisance import NuisanceDirections
+from vgroove.gap.residual.impact.problem import ImpactProblem
+from vgroove.gap.residual.impact.start_angle import COLUMN, profiled_starts, start_angles
+from vgroove.gap.residual.impact.unknowns import REPEATABILITY, SCALED
+from vgroove.gap.residual.loading import load_problem
+from vgroove.log import Log
+
+SECONDS, TOLERANCE_RAD = 1.2, 0.02
+
+
+def step(duty: float) -> np.ndarray:
+    """A duty after 50 ms at rest."""
+    return np.concatenate([np.zeros(50), ramp(duty, SECONDS)])
+
+
+def drawn_start(seed: int) -> float:
+    """The start angle in rad that plant_log draws for a seed."""
+    return -float(np.random.default_rng(seed).uniform(0.05, 2.1))
+
+
+def of_run_up(problem: ImpactProblem) -> np.ndarray:
+    """Whether each residual (n,) belongs to the run-up."""
+    names = np.array([s.column.endswith(RUN_UP) for s in problem.signals])
+    return names[problem.signal]
+
+
+@pytest.mark.parametrize("seed", range(20, 26))
+def test_the_run_up_shows_the_start_angle_and_is_at_the_noise(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rig = impact_rig(
+        load__slip_slope_nm_per_rad=float(rng.uniform(60.0, 400.0)),
+        supply__voltage_v=float(rng.uniform(16.5, 20.0)),
+    )
+    log = plant_log(rig, {}, seed, step(float(rng.uniform(0.7, 1.0))))
+    problem = load_problem([log], rig)
+    run, plant = problem.runs[0], problem.of_log(0, problem.theta0[None])
+    found = profiled_starts(run, plant)[0]
+    assert found == pytest.approx(drawn_start(seed), abs=TOLERANCE_RAD)
+    left = problem.residuals(problem.theta0)[0][of_run_up(problem)]
+    assert len(left) > 10
+    assert 0.5 < np.sqrt(np.mean(left**2)) < 1.3
+
+
+@pytest.mark.parametrize("seed", [30, 31, 32])
+def test_the_start_angle_is_found_anew_for_each_parameter_set(seed: int) -> None:
+    """With an effect that slows the spin-up, the rig's own model finds another start angle."""
+    rig, name = impact_rig(), "effects.added_inertia.kg_m2"
+    log = plant_log(rig, {"added_inertia.kg_m2": 1e-5}, seed, step(0.9))
+    problem = load_problem([log], rig)
+    theta = np.stack([problem.theta0, problem.theta0])
+    theta[1, PARAMETERS.index(name)] = 1e-5
+    found = profiled_starts(problem.runs[0], problem.of_log(0, theta))
+    assert found[1] == pytest.approx(drawn_start(seed), abs=TOLERANCE_RAD)
+    without, beside = problem.residuals(theta)[:, of_run_up(problem)]
+    assert np.sqrt(np.mean(beside**2)) < 1.3 < 3.0 < np.sqrt(np.mean(without**2))
+
+
+def test_start_angles_lie_between_two_lugs_and_do_not_depend_on_the_order_of_sets() -> None:
+    rig = impact_rig()
+    problem = load_problem([plant_log(rig, {}, 5, step(0.9))], rig)
+    plant = np.repeat(problem.of_log(0, problem.theta0[None]), 3, axis=0)
+    plant[:, PARAMETERS.index("effects.winding_resistance.relative")] = [0.0, 0.1, -0.1]
+    tried = start_angles(plant[0])
+    assert np.all((-2.15 < tried) & (tried < 0.0)) and len(np.unique(tried)) == len(tried)
+    together = profiled_starts(problem.runs[0], plant)
+    apart = [profiled_starts(problem.runs[0], plant[k : k + 1])[0] for k in (2, 0, 1)]
+    np.testing.assert_array_equal(together, np.array(apart)[[1, 2, 0]])
+
+
+def test_a_stated_start_angle_is_not_searched() -> None:
+    rig = impact_rig(mechanism__hammer_start_rad=drawn_start(9))
+    problem = load_problem([plant_log(impact_rig(), {}, 9, step(0.9))], rig)
+    assert problem.runs[0].early is None
+    assert problem.of_log(0, problem.theta0[None])[0, COLUMN] == drawn_start(9)
+    left = problem.residuals(problem.theta0)[0][of_run_up(problem)]
+    assert np.sqrt(np.mean(left**2)) < 1.3
+
+
+@pytest.mark.parametrize("cut", [150, 400])
+def test_a_log_that_begins_in_motion_has_no_run_up(cut: int) -> None:
+    rig = impact_rig()
+    whole = plant_log(rig, {}, 4, step(0.9))
+    columns = {name: values[cut:] for name, values in whole.columns.items()}
+    problem = load_problem([Log(whole.time_s[cut:], columns, "cut")], rig)
+    assert not of_run_up(problem).any()
+    resting = columns | {"duty": np.where(np.arange(len(columns["duty"])) < 30, 0.0, 0.9)}
+    problem = load_problem([Log(whole.time_s[cut:], resting, "coasting")], rig)
+    assert not of_run_up(problem).any()
+
+
+def test_whitened_residuals_of_noise_and_nuisances_have_unit_covariance() -> None:
+    rng = np.random.default_rng(2)
+    responses = rng.standard_normal((12, 3)) * [5.0, 1.0, 0.2]
+    white = NuisanceDirections.of(responses)
+    root = white.whitened(np.eye(12))
+    covariance = np.eye(12) + responses @ responses.T
+    assert root @ covariance @ root.T == pytest.approx(np.eye(12), abs=1e-6)
+    assert root == pytest.approx(root.T)
+    apart = np.linalg.qr(np.hstack([responses, rng.standard_normal((12, 1))]))[0][:, -1]
+    assert white.whitened(apart) == pytest.approx(apart)
+    most = responses[:, 0] / np.linalg.norm(responses[:, 0])
+    assert np.linalg.norm(white.whitened(most)) < 0.2
+
+
+def test_the_scale_of_a_sensor_is_no_gap_up_to_its_repeatability() -> None:
+    """A scale that is off by 5 standard deviations of its repeatability gives a residual of 5."""
+    rig = impact_rig()
+    problem = load_problem([plant_log(rig, {}, 6, step(0.9))], rig)
+    run = problem.runs[0]
+    scaled = np.array([p.column == "supply_v" and p.kind in SCALED for p in run.parts])[run.part]
+    change = np.where(scaled, 5.0 * REPEATABILITY * run.measured, 0.0)
+    moved = replace(run, measured=run.measured + change)
+    plain = (change / run.sigma)[run.judged]
+    left = moved.residuals(run.measured[None])[0]
+    assert np.linalg.norm(plain) > 25.0
+    assert np.linalg.norm(left) == pytest.approx(5.0, rel=0.1)
