@@ -144,10 +144,8 @@ def prepare_impact_run(log: Any, rig: Rig) -> ImpactRun:
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
     pulses = pulses if 0 < pulses < MIN_COUNTING_PULSES else 0
     reader = reader_of(rig, windows, values, noise)
-    moving = np.abs(values.get("speed_rpm", np.zeros(1))[0]) > REST_SIGMAS * noise.get(
-        "speed_rpm", 0.0
-    )
-    run_up = run_up_spans(reader.windows, drive.command, tuple(values), pulses, not moving)
+    at_rest = begins_at_rest(values, noise)
+    run_up = run_up_spans(reader.windows, drive.command, tuple(values), pulses, at_rest)
     run = ImpactRun(
         clean.log,
         drive.plant(),
@@ -163,6 +161,13 @@ def prepare_impact_run(log: Any, rig: Rig) -> ImpactRun:
     )
     columns = {name: column[None] for name, column in values.items()}
     return replace(run, measured=run.read(columns, False)[0], sigma=own_sigma(run, columns))
+
+
+def begins_at_rest(values: Mapping[str, np.ndarray], noise: Mapping[str, float]) -> bool:
+    """Whether a log begins at rest, as far as it tells."""
+    if "speed_rpm" not in values:
+        return True
+    return bool(np.abs(values["speed_rpm"][0]) <= REST_SIGMAS * noise["speed_rpm"])
 
 
 def own_sigma(run: ImpactRun, columns: Mapping[str, np.ndarray]) -> np.ndarray:
