@@ -57,10 +57,10 @@ build: setup ## build host, the AVR builds and the bindings
 	$(call cmake_build,avr-uno-hil,vgroove)
 	$(call cmake_build,avr-uno-drill-hil,vgroove)
 
-demo: setup ## board and tool with a sealed effect, diagnosis: SEED=n TOOL=drive|impact
+demo: setup ## board and tool with a sealed effect, diagnosis: SEED=n TOOL=impact|drive
 	$(call cmake_build,avr-uno,vgroove)
 	$(call cmake_build,dev,vgroove-board vgroove_truth)
-	@$(PY) tests/demo/demo.py --seed $(SEED) --tool $(or $(TOOL),drive)
+	@$(PY) tests/demo/demo.py --seed $(SEED) --tool $(or $(TOOL),impact)
 
 lint: build
 	$(VENV)/bin/ruff check .

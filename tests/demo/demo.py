@@ -89,7 +89,10 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--tool", choices=list(TOOLS), default="drive", help="drivetrain alone, or impact tool"
+        "--tool",
+        choices=list(TOOLS),
+        default="impact",
+        help="impact tool in a joint, or drivetrain alone",
     )
     parser.add_argument(
         "--elf", type=Path, default=default_elf("uno"), help="firmware of the ATmega328P"

@@ -44,8 +44,8 @@ def test_a_tool_without_a_catalogued_effect_needs_the_verdict_of_its_kind(label:
     assert not demo.is_right(verdict("unlisted" if label == "none" else "none"), answer)
 
 
-@pytest.mark.parametrize("seed", [1])
-def test_demo_names_the_sealed_effect(seed: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("tool", ["impact", "drive"])
+def test_demo_names_the_sealed_effect(tool: str, tmp_path: Path) -> None:
     elf = Path(os.environ.get("VGROOVE_ELF", default_elf("uno")))
     if not elf.is_file():
         pytest.skip(f"no firmware at {elf}: make build")
@@ -53,8 +53,8 @@ def test_demo_names_the_sealed_effect(seed: int, tmp_path: Path) -> None:
         [
             sys.executable,
             str(HERE / "demo.py"),
-            "--seed",
-            str(seed),
+            "--tool",
+            tool,
             "--elf",
             str(elf),
             "--out",

@@ -69,22 +69,24 @@ def kept(folder: Path, name: str, work: Callable[[], dict]) -> dict:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def demo(seed: int, folder: Path) -> dict:
-    """The result of the demo with a seed."""
-    out = folder / f"demo_{seed}"
-    command = [sys.executable, ROOT / "tests/demo/demo.py", "--seed", str(seed), "--out", out]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+def demo(tool: str, seed: int, folder: Path) -> dict:
+    """The result of the demo of a tool with a seed."""
+    out = folder / f"demo_{tool}_{seed}"
+    command = [sys.executable, ROOT / "tests/demo/demo.py", "--seed", str(seed), "--tool", tool]
+    done = subprocess.run([*command, "--out", out], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"demo {seed} ended with {done.returncode}: {done.stdout}{done.stderr}")
     return json.loads((out / "demo.json").read_text(encoding="utf-8"))
 
 
-def demo_seeds(folder: Path, jobs: int) -> dict:
-    """The demo with every seed: number of right verdicts, and each verdict."""
+def demo_seeds(tool: str, folder: Path, jobs: int) -> dict:
+    """The demo of a tool with every seed: number of right verdicts, and each verdict."""
+
+    def of_seed(seed: int) -> dict:
+        return kept(folder, f"demo_{tool}_{seed}", lambda: demo(tool, seed, folder))
+
     with ThreadPoolExecutor(jobs) as pool:
-        work = pool.map(
-            lambda seed: kept(folder, f"demo_{seed}", lambda: demo(seed, folder)), DEMO_SEEDS
-        )
+        work = pool.map(of_seed, DEMO_SEEDS)
         runs = list(track(work, "demo", total=len(DEMO_SEEDS)))
     rows = [
         {
@@ -171,7 +173,8 @@ def without_runs(part: dict) -> dict:
 
 
 PROOFS = {
-    "demo_seeds": demo_seeds,
+    "demo_seeds": partial(demo_seeds, "drive"),
+    "demo_seeds_impact": partial(demo_seeds, "impact"),
     "gap_bench": partial(gap_bench, "report"),
     "gap_bench_tune": partial(gap_bench, "tune"),
     "measured_machines": measured_machines,

@@ -187,9 +187,9 @@ def measured_regime(name: str) -> list[str]:
     ]
 
 
-def demo() -> list[str]:
-    """The sealed tools of `make demo`."""
-    result = read("demo_seeds")
+def demo(name: str, command: str) -> list[str]:
+    """The sealed tools of a kind of demo: `command`, the file of its results."""
+    result = read(name)
     rows = (
         (
             run["seed"],
@@ -202,12 +202,20 @@ def demo() -> list[str]:
         for run in result["runs"]
     )
     return [
-        "## Sealed tools of the demo",
-        "",
-        f"`make demo SEED=n`: {result['right']} of {result['of']} verdicts are right, commit "
+        f"`{command} SEED=n`: {result['right']} of {result['of']} verdicts are right, commit "
         f"{result['commit']}.",
         "",
         *table(("seed", "sealed effect", "verdict", "named", "gap before", "after"), rows),
+    ]
+
+
+def demos() -> list[str]:
+    """The sealed tools of `make demo`, hammering and drivetrain alone."""
+    return [
+        "## Sealed tools of the demo",
+        "",
+        *demo("demo_seeds_impact", "make demo"),
+        *demo("demo_seeds", "make demo TOOL=drive"),
     ]
 
 
@@ -428,7 +436,7 @@ def printed() -> list[str]:
 def page() -> str:
     """The text of docs/results.md."""
     parts = (
-        demo(),
+        demos(),
         blind_set("gap_bench"),
         blind_set("gap_bench_tune"),
         measured_regime("gap_bench_measured_further"),
