@@ -29,8 +29,9 @@ $(VENV)/bin/python:
 # The package is installed again when a C, C++ or CMake source or the catalogue is newer than the
 # last install, or when a Python module was added, moved or removed; an edited module needs no
 # installation.
-SOURCES := $(shell find firmware plant hil/bindings hil/vgroove/gap/catalogue -name '*.[ch]' \
-             -o -name '*.[ch]pp' -o -name CMakeLists.txt -o -name '*.dbc' -o -name '*.py')
+SOURCES := $(shell find firmware plant hil/bindings hil/replay hil/vgroove/gap/catalogue \
+             -name '*.[ch]' -o -name '*.[ch]pp' -o -name CMakeLists.txt \
+             -o -name '*.dbc' -o -name '*.py')
 MODULES := build/python_modules.txt
 $(shell mkdir -p build; find hil/vgroove -name '*.py' | sort > $(MODULES).new; \
         cmp -s $(MODULES).new $(MODULES) || cp $(MODULES).new $(MODULES))

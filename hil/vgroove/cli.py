@@ -15,6 +15,8 @@ from rich.console import Console
 from vgroove.adapt.command import app as adapt_app
 from vgroove.control_bench.command import app as control_app
 from vgroove.errors import VgrooveError
+from vgroove.firmware_replay.command import FirmwarePath
+from vgroove.firmware_replay.command import app as firmware_app
 from vgroove.gap.batch_command import FailAbove, JunitPath
 from vgroove.gap.batch_command import app as batch_app
 from vgroove.gap_bench.command import app as blind_set_app
@@ -105,6 +107,7 @@ app.add_typer(study_app, name="study")
 app.registered_commands += adapt_app.registered_commands
 bench_app.registered_commands += control_app.registered_commands
 gap_app.registered_commands += batch_app.registered_commands + blind_set_app.registered_commands
+gap_app.registered_commands += firmware_app.registered_commands
 
 
 def _show_version(wanted: bool) -> None:
@@ -587,17 +590,18 @@ def gap_diagnose(
     map_file: MapFile = None,
     junit_path: JunitPath = None,
     fail_above: FailAbove = None,
+    firmware: FirmwarePath = None,
 ) -> None:
     """Find where logs and simulation differ, which effect the simulation lacks, and how much that
     effect reduces the gap.
     """
     from vgroove.gap import DiagnosisOptions
-    from vgroove.gap.command import OutputPaths, diagnose_files
+    from vgroove.gap.command import InputPaths, OutputPaths, diagnose_files
 
     outputs = OutputPaths(json_path, html_path, out_rig, junit_path, fail_above)
     columns, ids = _columns(maps, map_file), tuple(without or ())
     options = DiagnosisOptions(seed, ids, from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
-    diagnose_files(logs, rig, outputs, options, tuple(joint or ()))
+    diagnose_files(InputPaths(logs, rig, tuple(joint or ()), firmware), outputs, options)
 
 
 @gap_app.command("emps")

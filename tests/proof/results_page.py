@@ -219,6 +219,29 @@ def demos() -> list[str]:
     ]
 
 
+def firmware(name: str) -> list[str]:
+    """Firmware gaps, plant gaps and logs without a gap that the replay tells rightly."""
+    result = read(name)
+    words = {
+        "firmware_told_from_plant": "firmware gap or none, of all cases",
+        "kind_right": "kind right, of all cases",
+        "kind_right_of_firmware_gaps": "kind right, of the firmware gaps",
+        "tick_exact": "first tick exact, of the firmware gaps",
+        "parameter_named": "parameter named, of the parameter gaps",
+        "value_within_range": "its value within the range found",
+        "called_firmware_without_one": "called a firmware gap without one",
+        "plant_gaps_called_firmware": "plant gaps called a firmware gap",
+    }
+    return [
+        f"## Firmware in the loop, half `{result['set']}`",
+        "",
+        f"Commit {result['commit']}: `tests/firmware_gap/firmware_bench.py make FOLDER --set",
+        f"{result['set']}`, then `{result['command']}`. Right answers, with 95 % intervals:",
+        "",
+        *table(("cases", "share"), [(text, rate(result[key])) for key, text in words.items()]),
+    ]
+
+
 def growth() -> list[str]:
     """Exponents of the diagnosis' processor time."""
     result = read("gap_growth")
@@ -442,6 +465,8 @@ def page() -> str:
         measured_regime("gap_bench_measured_further"),
         measured_regime("gap_bench_measured"),
         hammering_tool("gap_bench_impact"),
+        firmware("gap_bench_firmware"),
+        firmware("gap_bench_firmware_tune"),
         growth(),
         speed(),
         trap(),

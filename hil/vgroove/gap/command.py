@@ -6,11 +6,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 import typer
 from rich.console import Console
 
+from vgroove.firmware_replay.command import firmware_results, firmware_section
+from vgroove.firmware_replay.kinds import FirmwareResult
 from vgroove.gap import DiagnosisOptions, Verdict, diagnose
 from vgroove.gap.batch_command import ABOVE_CODE
 from vgroove.gap.cases import Case, CaseResult, above_text, junit_text
@@ -36,34 +39,53 @@ class OutputPaths:
         return (self.json, self.html, self.rig, self.junit)
 
 
-def diagnose_files(
-    logs: Sequence[Path],
-    rig_path: Path,
-    outputs: OutputPaths,
-    options: DiagnosisOptions,
-    joints: Sequence[Path] = (),
-) -> None:
-    """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr. joints:
-    files with the joint of each log. typer.Exit with ABOVE_CODE where the gap is above the limit.
+@dataclass(frozen=True)
+class InputPaths:
+    """Files that a diagnosis reads: logs, rig, the joint of each log (empty: that of the rig), and
+    the believed firmware (None: it is not replayed).
     """
-    check_outputs(outputs.paths(), (*logs, rig_path, *joints))
+
+    logs: Sequence[Path]
+    rig: Path
+    joints: Sequence[Path] = ()
+    firmware: Path | None = None
+
+    def paths(self) -> tuple[Path, ...]:
+        """All of the files."""
+        firmware = [self.firmware] if self.firmware else []
+        return (*self.logs, self.rig, *self.joints, *firmware)
+
+
+def diagnose_files(inputs: InputPaths, outputs: OutputPaths, options: DiagnosisOptions) -> None:
+    """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr. typer.Exit
+    with ABOVE_CODE where the gap is above the limit.
+    """
+    check_outputs(outputs.paths(), inputs.paths())
     notes, begin = Console(stderr=True), time.monotonic()
-    rig = read_rig(rig_path)
-    options = replace(options, joints=read_joints(joints, rig, len(logs)))
+    logs, rig = inputs.logs, read_rig(inputs.rig)
+    options = replace(options, joints=read_joints(inputs.joints, rig, len(logs)))
+    replayed = _replayed(inputs, options)
     verdict = _diagnosed(logs, rig, options, notes)
     name = ", ".join(path.name for path in logs)
-    result = CaseResult(Case(name, logs, rig_path), time.monotonic() - begin, verdict)
-    texts = output_texts(verdict, [path.name for path in logs], outputs)
+    result = CaseResult(Case(name, logs, inputs.rig), time.monotonic() - begin, verdict)
+    section = {"firmware": firmware_section(replayed)} if inputs.firmware else {}
+    texts = output_texts(verdict, [path.name for path in logs], outputs, section)
     if outputs.junit:
         texts.append((outputs.junit, junit_text([result], outputs.fail_above)))
     for warning in verdict.warnings:
         print_warning(notes, warning)
     write_all(texts)
-    for line in verdict.summary():
+    for line in (*verdict.summary(), *(line for one in replayed for line in one.summary())):
         print_line(result_console(*outputs.paths()), line)
     if result.exceeds(outputs.fail_above):
         print_warning(notes, above_text(result, outputs.fail_above))
         raise typer.Exit(ABOVE_CODE)
+
+
+def _replayed(inputs: InputPaths, options: DiagnosisOptions) -> list[FirmwareResult]:
+    if inputs.firmware is None:
+        return []
+    return firmware_results(inputs.logs, inputs.firmware, options.columns)
 
 
 def _diagnosed(
@@ -76,12 +98,14 @@ def _diagnosed(
 
 
 def output_texts(
-    verdict: Verdict, names: Sequence[str], outputs: OutputPaths
+    verdict: Verdict, names: Sequence[str], outputs: OutputPaths, section: dict[str, Any]
 ) -> list[tuple[Path, str]]:
-    """Paths and texts of the requested files; all texts are made before any file is written."""
+    """Paths and texts of the requested files; all texts are made before any file is written. The
+    JSON file holds `section` besides the verdict.
+    """
     texts = []
     if outputs.json:
-        texts.append((outputs.json, json_text(verdict.as_dict())))
+        texts.append((outputs.json, json_text(verdict.as_dict() | section)))
     if outputs.html:
         texts.append((outputs.html, verdict.page(names).as_html()))
     if outputs.rig:

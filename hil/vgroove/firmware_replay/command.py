@@ -1,0 +1,76 @@
+"""The command `vgroove gap firmware`, and the section `firmware` of a verdict."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from vgroove.firmware_replay.kinds import FirmwareResult
+    from vgroove.log import ColumnMap
+
+app = typer.Typer()  # its command is one of `vgroove gap`
+SCHEMA = "vgroove.firmware/1"
+FirmwarePath = Annotated[
+    Path | None,
+    typer.Option(
+        "--firmware",
+        metavar="FILE",
+        help="JSON file with mode and EEPROM parameters that the board is believed to have: replay "
+        "the firmware on the logs' rows and add the section `firmware` to the verdict.",
+    ),
+]
+
+
+def firmware_results(
+    logs: Sequence[Path], claim_path: Path, columns: "ColumnMap"
+) -> "list[FirmwareResult]":
+    """Results of the replay of log files; VgrooveError for files that cannot be replayed."""
+    from vgroove.firmware_replay.claim import read_claim
+    from vgroove.firmware_replay.kinds import judge_firmware
+    from vgroove.log import read_log
+
+    claim = read_claim(claim_path)
+    return [judge_firmware(read_log(path, columns), claim) for path in logs]
+
+
+def firmware_section(results: "Sequence[FirmwareResult]") -> dict[str, Any]:
+    """Section `firmware` of a verdict: `firmware` where the firmware of a log differs from the
+    believed one, else `none`.
+    """
+    verdict = "firmware" if any(result.kind for result in results) else "none"
+    logs = [result.as_dict() for result in results]
+    return {"schema": SCHEMA, "verdict": verdict, "logs": logs}
+
+
+@app.command("firmware")
+def firmware_command(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Telemetry of a board from its start on.")
+    ],
+    claim: Annotated[
+        Path,
+        typer.Option(
+            "--firmware",
+            metavar="FILE",
+            help="JSON file with mode and EEPROM parameters that the board is believed to have.",
+        ),
+    ],
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write the result as JSON.")
+    ] = None,
+) -> None:
+    """Replay the native firmware on the measured inputs of logs: the first tick at which they part,
+    and whether a parameter, a later state, a late bridge or another build explains it.
+    """
+    from vgroove.log import NO_MAP
+    from vgroove.output import check_outputs, write_json
+    from vgroove.terminal import print_results, result_console
+
+    check_outputs((json_path,), (*logs, claim))
+    results = firmware_results(logs, claim, NO_MAP)
+    if json_path is not None:
+        write_json(json_path, firmware_section(results))
+    lines = [line for result in results for line in result.summary()]
+    print_results(result_console(json_path), lines, ())
