@@ -235,8 +235,9 @@ def firmware(name: str) -> list[str]:
     return [
         f"## Firmware in the loop, half `{result['set']}`",
         "",
-        f"Commit {result['commit']}: `tests/firmware_gap/firmware_bench.py make FOLDER --set",
-        f"{result['set']}`, then `{result['command']}`. Right answers, with 95 % intervals:",
+        f"Commit {result['commit']}; right answers, with 95 % intervals, of",
+        f"`{result['command']}`",
+        "on the cases of `tests/firmware_gap/firmware_bench.py make FOLDER` for that half:",
         "",
         *table(("cases", "share"), [(text, rate(result[key])) for key, text in words.items()]),
     ]
