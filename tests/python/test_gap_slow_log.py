@@ -43,15 +43,13 @@ def slow_log(row_s: float) -> MadeLog:
 
 @pytest.mark.parametrize(
     ("row_s", "interval_s"),
-    [(0.001, 0.25), (0.018, 0.25), (0.03125, 0.25), (0.032, 0.256), (0.05, 0.4), (0.1, 0.8)],
+    [(0.001, 0.25), (0.0078, 0.25), (0.0078125, 0.25), (0.008, 0.256), (0.05, 1.6), (0.1, 3.2)],
 )
-def test_the_interval_between_restarts_is_at_least_eight_rows(
-    row_s: float, interval_s: float
-) -> None:
-    assert RESTART.min_interval_rows == 8.0
+def test_the_interval_between_restarts_is_at_least_32_rows(row_s: float, interval_s: float) -> None:
+    assert RESTART.min_interval_rows == 32.0
     time_s = 7.0 + row_s * np.arange(100)
     assert restart_interval_s(time_s, RESTART_S) == pytest.approx(interval_s)
-    assert restart_interval_s(time_s, 3.0) == 3.0
+    assert restart_interval_s(time_s, 5.0) == 5.0
     gap = np.concatenate([time_s[:50], 100.0 + time_s[50:]])  # a hole in the log
     assert restart_interval_s(gap, RESTART_S) == pytest.approx(interval_s)
 
@@ -60,11 +58,11 @@ def test_the_interval_between_restarts_is_at_least_eight_rows(
 def test_a_slow_logger_has_restarts_at_that_interval(row_s: float) -> None:
     problem = load_problem([slow_log(row_s)], slow_tool())
     restarts = problem.runs[0].restarts
-    wanted = max(RESTART_S, 8.0 * row_s)
+    wanted = max(RESTART_S, 32.0 * row_s)
     assert problem.restart_s == pytest.approx(wanted)
     steps = np.diff(restarts.rows) * row_s
-    assert len(steps) > 0.8 * ROWS * row_s / wanted
-    assert np.median(steps) == pytest.approx(wanted, abs=row_s)
+    assert len(restarts.rows) > 0.8 * ROWS * row_s / wanted
+    assert np.median(steps) == pytest.approx(wanted, abs=2.0 * row_s)
     assert np.min(np.diff(restarts.rows)) >= RESTART.min_rows
 
 

@@ -32,7 +32,9 @@ class RestartRules:
     nominal_s: float = 0.25
     search_rows: float = 1.5  # the same in rows, of a slow logger
     candidates: int = 11  # instants within the reach that are compared
-    min_interval_rows: float = 8.0  # shortest interval between restarts, in rows of a slow logger
+    # shortest interval between restarts, in rows of a slow logger: the longest delay that is looked
+    # for (docs/spec/gap.md, section 5), since the measured state at a restart hides a longer one
+    min_interval_rows: float = 32.0
     min_rows: int = 5  # between restarts, and to the end of the log
     resume_reach: float = 1.2  # distance of the search's centre from the end of a hole, in reaches
     min_last_share: float = 0.5  # shortest time from the last restart to the end, in intervals
