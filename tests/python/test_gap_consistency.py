@@ -228,7 +228,9 @@ def sized(
         jacobian=slope[:, None],
         residual=noise + (1.0 - size) * slope,
     )
-    blocks = SimpleNamespace(tested=np.ones(len(slope), bool), cluster=block)
+    blocks = SimpleNamespace(
+        tested=np.ones(len(slope), bool), cluster=block, series=(np.arange(len(slope)),)
+    )
     return SimpleNamespace(blocks=blocks), best
 
 
@@ -247,13 +249,19 @@ def test_an_absent_effect_is_significant_in_at_most_one_of_a_hundred_fits(blocks
     assert found <= 0.01 * 1500
 
 
-@pytest.mark.parametrize(("shown_in", "significant"), [(12, True), (1, False)])
-def test_a_size_that_one_block_alone_shows_is_not_significant(
-    shown_in: int, significant: bool
+@pytest.mark.parametrize(
+    ("shown_in", "alike", "significant"),
+    [(12, True, True), (1, True, False), (1, False, True)],
+)
+def test_a_size_that_one_correlation_time_alone_shows_is_not_significant(
+    shown_in: int, alike: bool, significant: bool
 ) -> None:
-    block = np.repeat(np.arange(12), 40)
+    """What the fit leaves is equal in the 40 rows of a block (`alike`), or independent. One block
+    proves nothing in the first case, and 40 rows prove the size in the second.
+    """
+    block, rng = np.repeat(np.arange(12), 40), np.random.default_rng(2)
     slope = np.where(block < shown_in, 1.0, 1e-3)
-    noise = np.random.default_rng(2).normal(size=len(block))
+    noise = 0.2 * (np.repeat(rng.normal(size=12), 40) if alike else rng.normal(size=480))
     assert (
         consistency.is_significant_size(*sized(slope, 1.0, noise, block), "coulomb_friction")
         is significant
@@ -500,10 +508,19 @@ def test_a_number_at_a_bound_of_the_search_is_not_established() -> None:
     toy = Toy(COULOMB)
     state = begun_search(toy, "coulomb_friction")
     best = state.fits[("coulomb_friction",)]
-    assert not consistency.is_at_bound(best, "coulomb_friction")
+    assert not search_state.ends_at_bound(best, "coulomb_friction")
     at_bound = replace(best, x=best.hypothesis.high.copy())
-    assert consistency.is_at_bound(at_bound, "coulomb_friction")
-    assert not consistency.is_at_bound(at_bound, "viscous_friction")
+    assert search_state.ends_at_bound(at_bound, "coulomb_friction")
+    assert not search_state.ends_at_bound(at_bound, "viscous_friction")
+
+
+def test_a_set_with_a_number_at_a_bound_of_the_search_is_not_selected() -> None:
+    toy = Toy(COULOMB)
+    state = begun_search(toy, "coulomb_friction")
+    best = state.fits[("coulomb_friction",)]
+    assert state.ranked(1) == [best]
+    state.fits[best.ids] = replace(best, x=best.hypothesis.high.copy())
+    assert state.ranked(1) == []
 
 
 def loaded_log() -> MadeLog:

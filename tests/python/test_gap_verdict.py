@@ -481,7 +481,8 @@ def test_intervals_over_few_blocks_are_wider() -> None:
     assert small_sample_factor(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
     assert small_sample_factor(1000, 0.95) == pytest.approx(1.0, abs=0.002)
     time_s = np.arange(600) * 1e-3
-    rows = SimpleNamespace(log=np.zeros(600, int), time_s=time_s, censored=np.zeros(600, bool))
+    none = np.zeros(600, int)
+    rows = SimpleNamespace(log=none, signal=none, time_s=time_s, censored=none == 1)
     blocks = make_blocks(rows, np.ones(600, bool), 0.1, 0)
     low, high = difference_interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
     assert low < 0.0 < 2.0 < high  # six blocks of one sign are not significant at 99 %
@@ -491,7 +492,7 @@ def blocks_of(count: int, rows: int = 10) -> Blocks:
     """`count` blocks of as many rows each."""
     time_s = np.arange(count * rows) * 1e-3
     none = np.zeros(count * rows, int)
-    timed = SimpleNamespace(log=none, time_s=time_s + 5e-7, censored=none == 1)
+    timed = SimpleNamespace(log=none, signal=none, time_s=time_s + 5e-7, censored=none == 1)
     return make_blocks(timed, none == 0, rows * 1e-3, 0)
 
 

@@ -24,6 +24,8 @@ class BootstrapLimits:
     min_rows: int = 50  # rows of a signal from which a correlation time is estimated
     uncorrelated: float = 0.05  # autocorrelation below which rows are taken as independent
     min_count: int = 3  # blocks below which a bootstrap variance is not used
+    window_times: float = 3.0  # window of a sum of correlated rows, in correlation times
+    max_lag_share: float = 0.25  # longest lag of an autocorrelation, as a share of a series
     unbounded: float = 1e6  # bound of an interval that too few blocks leave open, squared gap
 
 
@@ -32,12 +34,13 @@ MIN_POWER = 1e-300  # avoids 0 / 0 where two fits leave equal residuals
 
 
 class TimedRows(Protocol):
-    """Rows of residuals (n,): log index, time in s, and whether the sample is censored, an upper
-    bound of a speed. The residual of a censored sample is 0 where the model respects the bound, and
-    the row then does not count (docs/spec/gap.md, section 5).
+    """Rows of residuals (n,): log index, signal index, time in s, and whether the sample is
+    censored, an upper bound of a speed. The residual of a censored sample is 0 where the model
+    respects the bound, and the row then does not count (docs/spec/gap.md, section 5).
     """
 
     log: np.ndarray
+    signal: np.ndarray
     time_s: np.ndarray
     censored: np.ndarray
 
@@ -46,12 +49,14 @@ class TimedRows(Protocol):
 class Blocks:
     """Blocks of rows for the bootstrap.
 
-    cluster (n,): block of each row; tested (n,): rows that count; draws (draws, blocks): how often
-    each bootstrap sample takes each block; subsets (draws, blocks): random halves of the blocks,
-    0 or 1; rows (blocks,): rows of each block that count as samples; length_s: length in s.
+    cluster (n,): block of each row; series: rows of each signal of each log in the order of time;
+    tested (n,): rows that count; draws (draws, blocks): how often each bootstrap sample takes each
+    block; subsets (draws, blocks): random halves of the blocks, 0 or 1; rows (blocks,): rows of
+    each block that count as samples; length_s: length in s.
     """
 
     cluster: np.ndarray
+    series: tuple[np.ndarray, ...]
     tested: np.ndarray
     draws: np.ndarray
     subsets: np.ndarray
@@ -85,12 +90,29 @@ def correlation_time(
             continue
         spacing = (time_s[rows][-1] - time_s[rows][0]) / max(1, len(rows) - 1)
         lags = min(len(r) // 4, max(2, int(restart_s / max(spacing, 1e-9))))
-        power = np.abs(np.fft.rfft(r, 2 * len(r))) ** 2
-        rho = np.fft.irfft(power)[:lags] / np.dot(r, r)
-        below = np.flatnonzero(rho < BOOTSTRAP.uncorrelated)
-        end = int(below[0]) if below.size else lags
-        longest = max(longest, spacing * (1.0 + 2.0 * float(rho[1:end].sum())))
+        longest = max(longest, spacing * correlated_rows(autocorrelation(r, lags)))
     return longest
+
+
+def autocovariance(value: np.ndarray, lags: int) -> np.ndarray:
+    """Sums of the products of a series (m,) with itself, shifted by 0, 1, .. rows (lags,)."""
+    power = np.abs(np.fft.rfft(value, 2 * len(value))) ** 2
+    return np.fft.irfft(power)[:lags]
+
+
+def autocorrelation(value: np.ndarray, lags: int) -> np.ndarray:
+    """Autocorrelation of a series about 0, from lag 0 to the first lag at which it vanishes, at
+    most `lags` of them.
+    """
+    covariance = autocovariance(value, max(1, lags))
+    rho = covariance / max(float(covariance[0]), MIN_POWER)
+    below = np.flatnonzero(rho < BOOTSTRAP.uncorrelated)
+    return rho[: int(below[0]) if below.size else len(rho)]
+
+
+def correlated_rows(rho: np.ndarray) -> float:
+    """Correlation time in rows of an autocorrelation, integrated over both signs of the lag."""
+    return 1.0 + 2.0 * float(rho[1:].sum())
 
 
 def make_blocks(rows: TimedRows, tested: np.ndarray, length_s: float, seed: int) -> Blocks:
@@ -111,7 +133,14 @@ def make_blocks(rows: TimedRows, tested: np.ndarray, length_s: float, seed: int)
     subsets = np.zeros((BOOTSTRAP.draws, len(samples)))
     subsets[:, used] = rng.random((BOOTSTRAP.draws, len(used))) < 0.5
     subsets[np.ix_(~subsets.any(axis=1), used)] = 1.0
-    return Blocks(cluster, tested, draws, subsets, samples, length_s)
+    return Blocks(cluster, series_of(rows), tested, draws, subsets, samples, length_s)
+
+
+def series_of(rows: TimedRows) -> tuple[np.ndarray, ...]:
+    """Rows of each signal of each log, in the order of time."""
+    number = rows.log.astype(np.int64) * (int(rows.signal.max(initial=0)) + 1) + rows.signal
+    order = np.lexsort((rows.time_s, number))
+    return tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
 
 
 def block_sums(blocks: Blocks, squared: np.ndarray) -> np.ndarray:
@@ -163,6 +192,64 @@ def fixed_design_bound(
         float(distance + chance.sum() - t.ppf(0.5 * (1.0 + level), freedom) * scatter)
         / blocks.total
     )
+
+
+def weighted_sum_error(
+    blocks: Blocks, weight: np.ndarray, residual: np.ndarray
+) -> tuple[float, float]:
+    """Standard deviation of the sum of residuals (n,) with fixed weights (n,), and its degrees of
+    freedom, those of all variances together (F. E. Satterthwaite, Biometrics Bulletin 2, 1946).
+
+    The residuals of a series are correlated in time. Its rows are counted, not its blocks: an
+    effect that acts in one transient is thus measured by the correlation times that the transient
+    lasts. Two variances are added for each series: one that holds where the power of the residual
+    differs from row to row, and one that estimates the correlation from all rows.
+    """
+    parts = [
+        f(weight[rows], residual[rows])
+        for rows in blocks.series
+        for f in (changing_variance, stationary_variance)
+    ]
+    power, freedom = np.array(parts).T
+    together = float(power.sum() ** 2 / max(float(np.sum(power**2 / freedom)), MIN_POWER))
+    return float(np.sqrt(power.sum())), max(1.0, together)
+
+
+def changing_variance(weight: np.ndarray, residual: np.ndarray) -> tuple[float, float]:
+    """Variance of the weighted sum of the residuals (m,) of a series whose power differs from row
+    to row, and its degrees of freedom: the effective number of rows that have weight, per
+    correlation time, less one.
+
+    It is the mean square of the sums over all windows of a few correlation times (W. K. Newey and
+    K. D. West, Econometrica 55, 1987, 703).
+    """
+    product, square = weight * residual, weight**2
+    own = float(product @ product)
+    if own <= MIN_POWER:
+        return 0.0, 1.0
+    correlated = correlated_rows(autocorrelation(product * np.sign(weight), longest_lag(product)))
+    window = int(np.ceil(BOOTSTRAP.window_times * correlated))
+    padded = np.concatenate([np.zeros(window), np.cumsum(product), np.full(window, product.sum())])
+    sums = padded[window:] - padded[:-window]
+    rows = float(square.sum()) ** 2 / max(float(square @ square), MIN_POWER)
+    return max(own, float(sums @ sums) / window), max(1.0, rows / correlated - 1.0)
+
+
+def stationary_variance(weight: np.ndarray, residual: np.ndarray) -> tuple[float, float]:
+    """Variance of the weighted sum of the residuals (m,) of a stationary series, from their
+    autocorrelation, and its degrees of freedom: the rows per correlation time, less one. The power
+    is at least that of unit noise.
+    """
+    rho = autocorrelation(residual, longest_lag(residual))
+    covariance = autocovariance(weight, len(rho))
+    weights = max(2.0 * float(covariance @ rho) - covariance[0], covariance[0])
+    power = max(1.0, float(np.mean(residual**2)))
+    return power * weights, max(1.0, len(residual) / correlated_rows(rho) - 1.0)
+
+
+def longest_lag(value: np.ndarray) -> int:
+    """Longest lag of the autocorrelation of a series, in rows."""
+    return max(1, int(BOOTSTRAP.max_lag_share * len(value)))
 
 
 def typical_value_interval(

@@ -421,13 +421,24 @@ def held_out_simulation(engine: Engine, one: Fit, problem: MeasuredProblem) -> n
 
 
 def is_valid(one: Fit) -> bool:
-    """False for a fit with a parameter at a lower bound at which it describes nothing."""
+    """False for a fit with a parameter at a lower bound at which it describes nothing, or with a
+    number at a bound of the search: its best value lies beyond (docs/spec/gap.md, section 5).
+    """
     at_bound = (
         c.low > 0.0 and x < COMPARISON.bound_margin * c.low
         for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
         if c.name in CONVENTIONS_AT_LOWER_BOUND
     )
-    return not any(at_bound)
+    return not any(at_bound) and not any(ends_at_bound(one, i) for i in one.ids)
+
+
+def ends_at_bound(one: Fit, effect_id: str) -> bool:
+    """Whether a number of an effect ends at a bound that only limits the search."""
+    return any(
+        c.ends_at_search_bound(float(x))
+        for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
+        if c.name.startswith(f"effects.{effect_id}.")
+    )
 
 
 def key(ids: Sequence[str]) -> tuple[str, ...]:

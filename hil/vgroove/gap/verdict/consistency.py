@@ -16,7 +16,12 @@ from scipy.stats import t
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import Coordinate, Fit
 from vgroove.gap.selection.extension import slopes_of_subsystem
-from vgroove.gap.selection.model_comparison import block_sums, clipped_squares
+from vgroove.gap.selection.model_comparison import (
+    Blocks,
+    block_sums,
+    clipped_squares,
+    weighted_sum_error,
+)
 from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict.covariates import Covariates
 
@@ -108,15 +113,6 @@ def sensitivity(best: Fit, effect_id: str) -> np.ndarray:
     return out
 
 
-def is_at_bound(best: Fit, effect_id: str) -> bool:
-    """Whether a number of the effect ends at a bound of the search."""
-    return any(
-        c.ends_at_search_bound(float(x))
-        for c, x in zip(best.hypothesis.coordinates, best.x, strict=True)
-        if c.name.startswith(f"effects.{effect_id}.")
-    )
-
-
 def partitions(search: Search) -> Iterator[np.ndarray]:
     """Divisions of the rows, as the number (n,) of each row's part: contiguous parts of time,
     regimes of motion, logs.
@@ -187,28 +183,40 @@ def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: float) -> 
 
 
 def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
-    """Whether the size of an effect differs from 0 at 99 %, by the jackknife over the blocks of the
-    bootstrap, with Student's t of the effective number of blocks (J. G. MacKinnon, M. O. Nielsen,
-    M. D. Webb, Journal of Econometrics 232 (2023) 272; A. V. Carter, K. T. Schnepel, D. G.
-    Steigerwald, Review of Economics and Statistics 99 (2017) 698): a size that one block alone
-    shows has no significance.
+    """Whether the size of an effect differs from 0 at 99 %: by the jackknife over the blocks of the
+    bootstrap, or, where the effect acts in few blocks, by the correlated rows in which it acts.
     """
-    rows = np.flatnonzero(search.blocks.tested)
+    tested = search.blocks.tested
     columns, prior = _size_and_other_numbers(best, effect_id)
-    columns, residual = columns[rows], _clipped(best.residual[rows])
+    columns, residual = columns * tested[:, None], np.where(tested, _clipped(best.residual), 0.0)
     if not columns[:, 0].any():
         return False
     inverse = np.linalg.pinv(columns.T @ columns + np.diag(prior))
     step = -inverse @ (columns.T @ residual)
-    influence = columns @ inverse[:, 0]
-    block = np.unique(search.blocks.cluster[rows], return_inverse=True)[1]
-    share = np.bincount(block, weights=influence**2)
+    influence, left = columns @ inverse[:, 0], residual + columns @ step
+    size = 1.0 + float(step[0])
+    return any(
+        size > float(t.ppf(0.5 * (1.0 + COMPARISON.significance), freedom)) * error
+        for error, freedom in (
+            _error_by_blocks(search.blocks, influence, left),
+            weighted_sum_error(search.blocks, influence, left),
+        )
+    )
+
+
+def _error_by_blocks(
+    blocks: Blocks, influence: np.ndarray, left: np.ndarray
+) -> tuple[float, float]:
+    """Standard deviation of a size by the jackknife over blocks, and its degrees of freedom by
+    their effective number (J. G. MacKinnon, M. O. Nielsen, M. D. Webb, Journal of Econometrics 232
+    (2023) 272; A. V. Carter, K. T. Schnepel, D. G. Steigerwald, Review of Economics and Statistics
+    99 (2017) 698). influence, left (n,): of each residual on the size, and what the fit leaves.
+    """
+    share = np.bincount(blocks.cluster, weights=influence**2)
     share /= share.sum()
-    shift = np.bincount(block, weights=influence * (residual + columns @ step))
+    shift = np.bincount(blocks.cluster, weights=influence * left)
     error = float(np.sqrt(np.sum((shift / np.maximum(1.0 - share, TINY)) ** 2)))
-    freedom = max(1.0 / float(np.sum(share**2)) - 1.0, TINY)
-    quantile = float(t.ppf(0.5 * (1.0 + COMPARISON.significance), freedom))
-    return 1.0 + float(step[0]) > quantile * error
+    return error, max(1.0 / float(np.sum(share**2)) - 1.0, TINY)
 
 
 def _size_and_other_numbers(best: Fit, effect_id: str) -> tuple[np.ndarray, np.ndarray]:

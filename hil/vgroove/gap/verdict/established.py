@@ -12,7 +12,7 @@ from vgroove.gap.selection.candidate_sets import fit_set, fit_without, ids_witho
 from vgroove.gap.selection.forward import grow, leaves_established_share
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import difference_interval
-from vgroove.gap.selection.search_state import COMPARISON, Search, key
+from vgroove.gap.selection.search_state import COMPARISON, Search, ends_at_bound, key
 from vgroove.gap.verdict import consistency
 from vgroove.gap.verdict.consistency import LIMITS
 from vgroove.gap.verdict.covariates import Covariates
@@ -83,7 +83,7 @@ class Member:
     @cached_property
     def inside_bounds(self) -> bool:
         """Whether no number of it ends at a bound of the search."""
-        return not consistency.is_at_bound(self.best, self.id)
+        return not ends_at_bound(self.best, self.id)
 
     @property
     def is_rival(self) -> bool:
