@@ -369,6 +369,12 @@ class Search:
         """Whether a set leaves a visible gap."""
         return self.excess_power(one) >= COMPARISON.visible_excess
 
+    def is_far_from_noise(self, one: Fit) -> bool:
+        """Whether the reported gap of a set lies far above the sensors' noise: one event of the
+        run, such as a run-up, is then enough to show it.
+        """
+        return self.reported_gap(one) >= COMPARISON.far_from_noise * self.floor
+
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap in most bootstrap samples, so that the gap does not
         come from a few blocks in which one event happened.

@@ -92,8 +92,7 @@ def is_limited_by_noise(search: Search, best: Fit) -> bool:
     """Whether a set ends near the sensors' noise. Effects that are present close the gap there, and
     a set that closes too little imitates what is outside the catalogue.
     """
-    near = search.reported_gap(best) < COMPARISON.far_from_noise * search.floor
-    return search.gap_problem is None and near
+    return search.gap_problem is None and not search.is_far_from_noise(best)
 
 
 def without_remainder(selection: Selection, remainder: Remainder) -> Finding:
@@ -131,12 +130,17 @@ def reported_share(search: Search, best: Fit) -> float:
 
 def is_unlisted_gap(search: Search, retuned: Fit, remainder: Remainder) -> bool:
     """Whether retuning leaves a visible gap that is significant, and that either depends on a
-    measured quantity or is visible in most bootstrap samples.
+    measured quantity, or is visible in most bootstrap samples, or is far from the noise: then one
+    event, such as a run-up, is enough.
     """
     return (
         remainder.significant
         and search.score(retuned) > search.floor_power * (1.0 + COMPARISON.visible_excess)
-        and (remainder.best_correlate is not None or search.leaves_gap_in_most_draws(retuned))
+        and (
+            remainder.best_correlate is not None
+            or search.is_far_from_noise(retuned)
+            or search.leaves_gap_in_most_draws(retuned)
+        )
     )
 
 

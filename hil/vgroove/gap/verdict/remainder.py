@@ -148,16 +148,15 @@ def described(search: Search, best: Fit, residuals: SignalResiduals, top: Correl
 
 
 def stands_above_noise(search: Search, best: Fit) -> bool:
-    """Whether a fit leaves more than the power of the sensors' noise, and not in one or two blocks
-    only, as a single event of the run would.
+    """Whether a fit leaves more than the power of the sensors' noise, and, unless the gap is far
+    from the noise, not in one or two blocks only, as a single event of the run would.
     """
     noise = search.floor_power
+    if search.score(best) <= (1.0 + REMAINDER.min_excess) * noise:
+        return False
     above = search.block_losses(best) - noise * search.blocks.rows
-    return (
-        search.score(best) > (1.0 + REMAINDER.min_excess) * noise
-        and difference_interval(search.blocks, above, COMPARISON.likely)[0]
-        > COMPARISON.min_gain * noise
-    )
+    least = difference_interval(search.blocks, above, COMPARISON.likely)[0]
+    return least > COMPARISON.min_gain * noise or search.is_far_from_noise(best)
 
 
 def measured_covariates(covariates: Covariates) -> list[Covariate]:

@@ -61,14 +61,16 @@ def with_start_scatter(run: ImpactRun, statistics: np.ndarray) -> ImpactRun:
 
 
 def roughness(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
-    """Responses (n, groups) to the roughness of the joint, which each window meets at another
-    place: those to a slip torque that is larger throughout, times ROUGHNESS.
+    """Responses (n, groups) to the roughness of the joint, which each window, and each span of the
+    run-up, meets at another place: those to a slip torque that is larger throughout, times
+    ROUGHNESS.
     """
     both = np.stack([theta, theta])
     both[1, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
     plain, more = simulate_statistics(run, both)
-    window = run.row // run.windows.rows
-    return np.nan_to_num(more - plain)[:, None] * (window[:, None] == np.unique(window))
+    spans = run.windows.count + np.arange(len(run.run_up.first))
+    place = run.of_places(np.arange(run.windows.count), spans)
+    return np.nan_to_num(more - plain)[:, None] * (place[:, None] == np.unique(place))
 
 
 def repeatability(run: ImpactRun) -> np.ndarray:
