@@ -44,7 +44,7 @@ def test_a_tool_without_a_catalogued_effect_needs_the_verdict_of_its_kind(label:
     assert not demo.is_right(verdict("unlisted" if label == "none" else "none"), answer)
 
 
-@pytest.mark.parametrize("tool", ["impact", "drive"])
+@pytest.mark.parametrize("tool", ["impact", pytest.param("drive", marks=pytest.mark.proof)])
 def test_demo_names_the_sealed_effect(tool: str, tmp_path: Path) -> None:
     elf = Path(os.environ.get("VGROOVE_ELF", default_elf("uno")))
     if not elf.is_file():

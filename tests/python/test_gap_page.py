@@ -2,7 +2,7 @@
 nothing is loaded from elsewhere.
 """
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +135,12 @@ def test_the_sentence_of_each_verdict_names_what_it_names(found: dict[str, Verdi
     for kind, verdict in found.items():
         assert f"{verdict.gap.before:.2f} before" in sentence[kind]
         assert summary_lines(verdict)[0] == sentence[kind]
+
+
+def test_a_verdict_whose_rival_is_a_part_of_it_says_so(found: dict[str, Verdict]) -> None:
+    alone = replace(found["ambiguous"], indistinguishable=[])
+    assert "but a part of them would predict" in verdict_sentence(alone)
+    assert cards(alone)[1].answer.endswith(", or a part of them")
 
 
 def test_the_evidence_of_a_named_effect_is_in_the_json(found: dict[str, Verdict]) -> None:

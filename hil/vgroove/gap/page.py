@@ -13,7 +13,7 @@ from vgroove.gap.figures import (
     remainder_figure,
     trace_picture,
 )
-from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
+from vgroove.gap.report import parameter_texts, rivals_in_words, spaced_name, verdict_sentence
 from vgroove.gap.result import Verdict
 from vgroove.gap.verdict.schema import Gap, NextExperiment, Unexplained, Where
 from vgroove.page import Card, Note, Page, Part, Picture, Table
@@ -114,7 +114,7 @@ def ambiguous_card(verdict: Verdict) -> Card:
     named = " and ".join(map(spaced_name, verdict.selected))
     return Card(
         "WHICH",
-        f"{named}, or {' or '.join(map(spaced_name, rivals))}",
+        f"{named}, or {' or '.join(rivals_in_words(verdict))}",
         f"probabilities: {', '.join(chances)}",
     )
 

@@ -25,11 +25,18 @@ def verdict_sentence(verdict: Verdict) -> str:
         follows = f"; what remains follows {left}" if left else ""
         return f"A real gap that no effect of the catalogue closes: {figures}{follows}."
     if verdict.verdict == "ambiguous":
-        others = ", ".join(spaced_name(r.id) for r in verdict.indistinguishable)
+        others = " or ".join(rivals_in_words(verdict))
         return f"Most likely {names}, but {others} would predict these logs as well: {figures}."
     if verdict.verdict == "partial":
         return f"Part of the gap is {names}; a remainder stays that is not explained: {figures}."
     return f"The missing effect is {names}: {figures}."
+
+
+def rivals_in_words(verdict: Verdict) -> list[str]:
+    """The rivals of an ambiguous verdict; where fewer of the named effects predict as well, they
+    are the rival.
+    """
+    return [spaced_name(r.id) for r in verdict.indistinguishable] or ["a part of them"]
 
 
 def summary_lines(verdict: Verdict) -> list[str]:
