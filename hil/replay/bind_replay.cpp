@@ -1,5 +1,5 @@
-// Python binding of the replay of a log: vgroove._replay. A module of its own, since it links the
-// firmware a second time, with another hardware layer.
+// Python binding of the replay of a log: vgroove._replay. It is a module apart from vgroove._core
+// because it links the firmware with hal/measured in place of hal/sim.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 

@@ -1,15 +1,19 @@
-// Interval filter of the edges' ages, see edge_counts.hpp.
+// Implementation of edge_counts.hpp.
 #include "edge_counts.hpp"
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
 
+extern "C" {
+#include "hal/hal.h"
+}
+
 namespace replay {
 
 namespace {
 
-constexpr double TICK = 16000.0;          // CPU cycles
+constexpr double TICK = HAL_CYCLES_PER_TICK;
 constexpr double RPM_CYCLES_Q1 = 1.92e9;  // speed in rpm Q1 times period of a turn
 constexpr double SLACK = 1.0;             // cycles: stamps are integers
 constexpr double RATIO = 2.0;  // of two successive periods, at most: hall_speed.c, is_even
@@ -29,7 +33,8 @@ Interval minus(const Interval &a, const Interval &b) {
     return {a.low - b.high, a.high - b.low};
 }
 
-enum class Kind { REST, FIRST, TURNS };  // edges since the rest: none, one, more
+// Number of Hall edges since the shaft began to turn: none, one, or more (a speed is known).
+enum class Kind { REST, FIRST, TURNS };
 
 // What is known at the end of a tick: age of the last edge, and the last period.
 struct Node {

@@ -1,9 +1,9 @@
-// Number of Hall edges in each tick from the column of the speed.
+// Number of Hall edges in each tick, from the speed column of a log.
 //
-// The speed of a tick with an edge is one pitch over the last period, so that it states the time
-// between two edges; while no edge follows, the speed falls with the age of the last edge. Both
-// bound the age of the last edge at each tick. All numbers of edges whose ages agree with the
-// speeds of all rows remain (interval filter, forward and backward).
+// At a tick with an edge the firmware computes the speed from the time since the edge before (the
+// period). Until the next edge the speed stays, and then falls with the time since the last edge
+// (its age). Each row therefore bounds period and age by intervals. The numbers of edges that agree
+// with the intervals of all rows remain, in a pass over the rows forward and one backward.
 #ifndef VGROOVE_HIL_EDGE_COUNTS_HPP
 #define VGROOVE_HIL_EDGE_COUNTS_HPP
 

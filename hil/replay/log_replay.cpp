@@ -1,4 +1,4 @@
-// Set-membership replay of a log, see log_replay.hpp.
+// Implementation of log_replay.hpp.
 #include "log_replay.hpp"
 
 #include <algorithm>
@@ -10,22 +10,27 @@
 #include "edge_counts.hpp"
 #include "hal/measured/measured.h"
 
+extern "C" {
+#include "hal/hal.h"
+}
+
 namespace replay {
 
 namespace {
 
-// Rows within which a STATE frame reports a change: a frame takes 5 ticks while others wait.
+// A change of trigger or state is in a STATE frame at most this many ticks later: sending a frame
+// takes 5 ticks, and other frames may come first.
 constexpr int FRAME_ROWS = 12;
 // The bridge drives three rows after the tick that begins a drive, and is open two rows after the
 // tick that ends it (firmware/drivers/h_bridge.h).
 constexpr int DRIVE_ROWS = 3, OPEN_ROWS = 2;
 constexpr int CLOSED_EARLY = 2, OPENED_LATE = 10;  // rows
-constexpr int DEBOUNCE_ROWS = 5;                   // TRIGGER_DEBOUNCE_TICKS
+constexpr int DEBOUNCE_ROWS = MEASURED_DEBOUNCE_TICKS;
 constexpr int CONTACT_ROWS = 30;  // least number of rows between two changes of the contact
 constexpr int TRIGGER_COUNTS = 1024;
 constexpr int TRIGGER_MOST = 255;
-constexpr int TRIGGER_SHIFT = 7;                  // from the travel in Q15 to the signal
-constexpr std::uint8_t CONTACT = 1, REVERSE = 2;  // HAL_SWITCH_*
+constexpr int TRIGGER_SHIFT = 7;  // from the travel in Q15 to the signal
+constexpr std::uint8_t CONTACT = HAL_SWITCH_CONTACT, REVERSE = HAL_SWITCH_REVERSE;
 
 // A state of the firmware with the inputs that led to it.
 struct Particle {
@@ -42,7 +47,7 @@ struct Failure {
     int expected;
 };
 
-// Choices of the inputs that a row does not state.
+// Possible values of the inputs of a tick that its row of the log does not contain.
 struct Choices {
     std::vector<int> triggers;  // values of the signal; empty: unchanged
     std::vector<std::uint8_t> edges;
@@ -67,8 +72,10 @@ int between(int first, int last, int at, int length) {
     return first + (last - first) * at / length;
 }
 
-// A row whose trigger differs from the row before has that trigger exactly. Between such a row and
-// the next the trigger moves about evenly; at rest it is within the step that sends no frame.
+// Possible values of the trigger in a row. The log holds the value of the last STATE frame. In a
+// row whose value differs from the row before, a frame came and the value is exact. Between two
+// such rows the trigger is near the straight line between both values. Where no frame came for
+// long, it is within 1 of the last value: a larger change would have sent a frame.
 std::vector<int> triggers_at(const std::vector<Row> &rows, int row, int spread) {
     const int now = trigger_of(rows, row);
     if (now == UNKNOWN)
@@ -92,9 +99,10 @@ std::vector<int> triggers_at(const std::vector<Row> &rows, int row, int spread) 
     return {};
 }
 
-// The contact closes in the tick that begins a drive, or just before it where the travel begins
-// later; its debouncing ends no later than DEBOUNCE_ROWS after the travel begins; it opens when the
-// drive ends, or after it where the travel has ended before.
+// Whether the trigger's contact may close or open in a row. The log does not contain it, but the
+// bridge shows it: it drives while the contact is closed and the travel is above 0. The contact may
+// therefore have closed shortly before a drive, at most DEBOUNCE_ROWS after the travel began, and
+// may open shortly after it.
 bool contact_may_change(const std::vector<Row> &rows, int row) {
     const int last = static_cast<int>(rows.size()) - 1;
     const auto open = [&rows, last](int at) {

@@ -1,11 +1,11 @@
-// Replay of a log that begins with the start of the board, through the native firmware: whether
-// some inputs that agree with the rows of the log give the outputs of the log, and the first row at
-// which none do.
+// Replay of a log: the native firmware is run on the measured inputs in the rows of the log, from
+// the start of the board on, and its outputs are compared with the logged ones. The result is the
+// first row at which they differ, if any.
 //
-// Current, speed and bus voltage of a tick are in its row exactly. Three inputs are not: the
-// trigger between two STATE frames, the contact of the trigger, and the number of Hall edges in
-// the tick. The replay keeps all firmware states that some choice of them reaches (set-membership
-// estimation) and removes those whose outputs differ from the row.
+// A row contains current, speed and bus voltage of its tick exactly, but not three further inputs:
+// the trigger between two STATE frames, the contact of the trigger, and the number of Hall edges in
+// the tick. The replay follows all possible values of these: it keeps every firmware state that
+// they can lead to, and drops those whose outputs differ from the row (set-membership estimation).
 #ifndef VGROOVE_HIL_LOG_REPLAY_HPP
 #define VGROOVE_HIL_LOG_REPLAY_HPP
 

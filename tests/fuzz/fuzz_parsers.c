@@ -19,26 +19,11 @@ void hal_uart_start(uint8_t baud) {
     (void)baud;
 }
 void hal_uart_wake(void) {}
-uint16_t hal_tick_cycles(uint16_t tick_stamp) {
-    return (uint16_t)(tick_stamp & 0u);
-}
-uint16_t hal_stack_free(void) {
-    return 0;
-}
 uint8_t hal_reset_cause(void) {
     return 1;
 }
 uint8_t hal_target(void) {
     return 0;
-}
-void hal_mark_control(bool runs) {
-    (void)runs;
-}
-uint8_t hal_lock(void) {
-    return 0;
-}
-void hal_unlock(uint8_t before) {
-    (void)before;
 }
 bool hal_eeprom_ready(void) {
     return true;

@@ -64,7 +64,7 @@ def board_sources() -> list[Path]:
 
 def host_sources() -> list[Path]:
     """C files that only the host builds: simulated hardware, fake hardware of the unit tests."""
-    return sources("hal/sim", "hal/native", "hal/measured")
+    return sources("hal/host", "hal/sim", "hal/native", "hal/measured")
 
 
 @functools.cache

@@ -6,7 +6,10 @@
 #include "app/app.h"
 #include "app/measure.h"
 #include "drivers/analog.h"
+#include "drivers/trigger.h"
 #include "hal/hal.h"
+
+_Static_assert(MEASURED_DEBOUNCE_TICKS == TRIGGER_DEBOUNCE_TICKS, "ticks of the debouncing");
 
 #define REST_COUNTS 512u  // every sample of the ADC ring: zero current, no trip
 #define TEMPERATURE_C_Q4 (25 * 16)
@@ -47,33 +50,12 @@ void hal_uart_receive(bool on) {
     (void)on;
 }
 
-uint16_t hal_tick_cycles(uint16_t tick_stamp) {
-    (void)tick_stamp;
-    return 0;
-}
-
-uint16_t hal_stack_free(void) {
-    return 0;
-}
-
 uint8_t hal_reset_cause(void) {
     return 1;  // power-on
 }
 
 uint8_t hal_target(void) {
     return 0;
-}
-
-void hal_mark_control(bool runs) {
-    (void)runs;
-}
-
-uint8_t hal_lock(void) {
-    return 0;
-}
-
-void hal_unlock(uint8_t before) {
-    (void)before;
 }
 
 bool hal_eeprom_ready(void) {

@@ -16,7 +16,8 @@ extern "C" {
 #endif
 
 #define MEASURED_EEPROM_BYTES 1024u
-#define MEASURED_COAST (-512)  // compare value of an open bridge
+#define MEASURED_DEBOUNCE_TICKS 5  // TRIGGER_DEBOUNCE_TICKS
+#define MEASURED_COAST (-512)      // compare value of an open bridge
 
 // Inputs of one tick.
 typedef struct {
@@ -31,7 +32,7 @@ typedef struct {
 // Result of one tick.
 typedef struct {
     int16_t compare;  // applied in the tick, -255..255 or MEASURED_COAST
-    uint8_t state;    // as a STATE frame reports it
+    uint8_t state;    // code of the signal `state` in a STATE frame
 } MeasuredOutputs;
 
 size_t measured_bytes(void);

@@ -138,33 +138,12 @@ void hal_eeprom_start_write(uint16_t address, uint8_t value) {
     sim.eeprom_busy_until = sim.now + EEPROM_WRITE_CYCLES;
 }
 
-uint16_t hal_tick_cycles(uint16_t tick_stamp) {
-    (void)tick_stamp;
-    return 0;
-}
-
-uint16_t hal_stack_free(void) {
-    return 0;
-}
-
 uint8_t hal_reset_cause(void) {
     return sim.start.reset_cause;
 }
 
-void hal_mark_control(bool runs) {
-    (void)runs;
-}
-
 uint8_t hal_target(void) {
     return sim.start.target;
-}
-
-uint8_t hal_lock(void) {
-    return 0;
-}
-
-void hal_unlock(uint8_t before) {
-    (void)before;
 }
 
 // --- events ---

@@ -61,8 +61,9 @@ def firmware_command(
         Path | None, typer.Option("--json", help="Write the result as JSON.")
     ] = None,
 ) -> None:
-    """Replay the native firmware on the measured inputs of logs: the first tick at which they part,
-    and whether a parameter, a later state, a late bridge or another build explains it.
+    """Run the native firmware on the measured inputs of logs and compare its duty with the logged
+    one: name the first tick at which they differ, and whether another parameter, a later change of
+    state, a late bridge or another build is the cause.
     """
     from vgroove.log import NO_MAP
     from vgroove.output import check_outputs, write_json

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vgroove import _replay
 from vgroove.errors import VgrooveError
 from vgroove.log import Log
 
@@ -22,8 +23,6 @@ def replay_rows(log: Log) -> np.ndarray:
     _check_times(log)
     compare = _counts(log, "duty", COMPARE_TOP)
     if "coast" in log:
-        from vgroove import _replay
-
         compare[log["coast"] > 0.5] = _replay.COAST
     measured = [_counts(log, name, scale) for name, scale in SCALES.items()]
     states = [_held(log, "trigger", COMPARE_TOP), _held(log, "state", 1.0)]
@@ -66,7 +65,5 @@ def _counts(log: Log, name: str, scale: float) -> np.ndarray:
 
 
 def _held(log: Log, name: str, scale: float) -> np.ndarray:
-    from vgroove import _replay
-
     values = np.rint(log[name] * scale)
     return np.where(np.isfinite(values), values, _replay.UNKNOWN)

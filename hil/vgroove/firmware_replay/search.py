@@ -86,7 +86,9 @@ class ParameterSearch:
         return replay(claim, self.rows) if thorough else found
 
     def score(self, name: str, raw: int) -> tuple[int, int]:
-        """Rows that agree; then how near the firmware's value is at the first that does not."""
+        """Quality of a value, larger is better: the number of rows that agree, and minus the error
+        of the firmware's output in the first row that does not.
+        """
         return self.parting(name, raw).row, -abs(self._miss(name, raw))
 
     def agrees(self, name: str, raw: int) -> bool:
@@ -94,7 +96,9 @@ class ParameterSearch:
         return self.parting(name, raw).row >= len(self.rows)
 
     def found(self) -> FoundParameter | None:
-        """A parameter with which every row agrees: the first one, from the longest replay on."""
+        """The parameter with which the firmware gives all rows, None where there is none. Those
+        that extend the replay most are searched first.
+        """
         best = []
         for entry in telemetry.parameter_list():
             if _acts_in(entry.name, self.claim.mode) and self._acts(entry):

@@ -41,8 +41,9 @@ class OutputPaths:
 
 @dataclass(frozen=True)
 class InputPaths:
-    """Files that a diagnosis reads: logs, rig, the joint of each log (empty: that of the rig), and
-    the believed firmware (None: it is not replayed).
+    """Files that a diagnosis reads: logs, rig, joints (one for each log; empty: all have the joint
+    of the rig), and firmware, the mode and parameters that the board is assumed to have (None: the
+    firmware is not replayed).
     """
 
     logs: Sequence[Path]

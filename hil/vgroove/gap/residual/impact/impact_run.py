@@ -240,8 +240,9 @@ def reader_of(
 def noise_of_cycles(
     rig: Rig, noise: dict[str, float], names: tuple[str, ...], scatter: np.ndarray
 ) -> dict[str, float]:
-    """Noise of the columns, of which an estimate is at most the scatter (S, W) that the harmonics
-    of the cycle leave: the cycle itself has high frequencies.
+    """Standard deviation of the noise of each column. One that the rig does not state was estimated
+    from the high frequencies of the log, which the impact cycle has as well; it is therefore
+    limited to the scatter (S, W) that the harmonic fit leaves.
     """
     if not scatter.size:
         return noise

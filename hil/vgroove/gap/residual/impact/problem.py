@@ -21,7 +21,7 @@ from vgroove.gap.residual.impact.roll_outs import (
     simulate,
     simulate_statistics,
 )
-from vgroove.gap.residual.impact.start_angle import COLUMN, profiled_starts, with_start
+from vgroove.gap.residual.impact.start_angle import profiled_starts, with_starts
 from vgroove.gap.residual.problem import UNFINISHED_RESIDUAL, PortionLimits, Problem, Traces
 from vgroove.gap.residual.restart_angles import RestartAngles
 
@@ -107,20 +107,18 @@ class ImpactProblem(Problem):
         plant = self.of_log(j, np.ascontiguousarray(np.atleast_2d(theta), dtype=float))
         every = [simulate_statistics(run, plant)]
         for start in self.starts[j]:
-            every.append(simulate_statistics(run, with_start(plant, start)))
+            every.append(simulate_statistics(run, with_starts(plant, start)))
         statistics = np.stack(every)
         if run.early is not None:
-            plant[:, COLUMN] = profiled_starts(run, plant)
-            statistics[..., run.is_run_up] = run_up_means(run, plant)
+            statistics[..., run.is_run_up] = run_up_means(run, self.from_run_up(j, theta))
         best = np.argmin(clipped_cost(run, statistics), axis=0)
         return statistics[best, np.arange(len(plant))]
 
     def from_run_up(self, j: int, theta: np.ndarray) -> np.ndarray:
         """The plant's parameters (B, P) for log j, with the start angle that its run-up shows."""
+        run = self.runs[j]
         plant = self.of_log(j, np.ascontiguousarray(np.atleast_2d(theta), dtype=float))
-        if self.runs[j].early is not None:
-            plant[:, COLUMN] = profiled_starts(self.runs[j], plant)
-        return plant
+        return plant if run.early is None else with_starts(plant, profiled_starts(run, plant))
 
     def motor_angles(self, theta: np.ndarray) -> list[np.ndarray]:
         """Angle (rows,) in rad of the motor in each log, for theta (P,)."""

@@ -64,16 +64,12 @@ def free_angle(theta0: np.ndarray) -> float:
     return float(TURN_RAD / lugs - overlap)
 
 
-def from_starts(theta: np.ndarray, start_rad: np.ndarray) -> np.ndarray:
-    """Parameter sets (M, P): a set (P,) with each start angle (M,) of the hammer."""
-    every = np.tile(theta, (len(start_rad), 1))
-    every[:, COLUMN] = start_rad
-    return every
-
-
-def with_start(theta: np.ndarray, start_rad: float) -> np.ndarray:
-    """Parameter sets (B, P) with the same start angle of the hammer."""
-    found = theta.copy()
+def with_starts(theta: np.ndarray, start_rad: np.ndarray | float) -> np.ndarray:
+    """Parameter sets (B, P) with start angles (B,) of the hammer; of a set theta (P,) or (B, P) and
+    angles () or (B,) the single one serves all.
+    """
+    count = np.broadcast_shapes(theta.shape[:-1], np.shape(start_rad))
+    found = np.broadcast_to(theta, (*count, theta.shape[-1])).copy()
     found[:, COLUMN] = start_rad
     return found
 
@@ -82,7 +78,7 @@ def closest_start(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> f
     """The start angle in rad, of those tried (M,), from which a parameter set (P,) follows the log
     best: its run-up, where there is one.
     """
-    tried = from_starts(theta, start_rad)
+    tried = with_starts(theta, start_rad)
     if run.early is None:
         return float(start_rad[np.argmin(clipped_cost(run, simulate_statistics(run, tried)))])
     return float(start_rad[np.argmin(_misfit(run_up_residuals(run, tried)))])
@@ -114,7 +110,7 @@ def _curvature(run: ImpactRun, theta: np.ndarray, near_rad: float) -> np.ndarray
     """
     middle = np.clip(theta[COLUMN], near_rad - free_angle(theta), -near_rad)
     beside = near_rad * np.linspace(-1.0, 1.0, STARTS.for_curvature)
-    change = np.nan_to_num(run_up_residuals(run, from_starts(theta, middle + beside)))
+    change = np.nan_to_num(run_up_residuals(run, with_starts(theta, middle + beside)))
     design = np.stack([np.ones_like(beside), beside], axis=1)
     left = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
     found, kept = np.zeros(len(run.part)), run.is_run_up & run.judged
@@ -150,16 +146,15 @@ def _best_of(
     """Of the start angles (B, K) in rad of each parameter set (B, P) the best one (B,), under
     weights (m,) of the residuals.
     """
-    tried = np.repeat(theta, start_rad.shape[1], axis=0)
-    tried[:, COLUMN] = start_rad.ravel()
+    tried = with_starts(np.repeat(theta, start_rad.shape[1], axis=0), start_rad.ravel())
     misfit = _misfit(run_up_residuals(run, tried) * weight).reshape(start_rad.shape)
     return np.take_along_axis(start_rad, np.argmin(misfit, axis=1)[:, None], axis=1)[:, 0]
 
 
 def _step(run: ImpactRun, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Gauss-Newton step (B,) in rad under Huber's loss."""
-    pair = np.concatenate([theta, theta])
-    pair[:, COLUMN] = np.concatenate([start, start + STARTS.difference_rad])
+    both = np.concatenate([start, start + STARTS.difference_rad])
+    pair = with_starts(np.concatenate([theta, theta]), both)
     rows = np.nan_to_num(run_up_residuals(run, pair))
     at, moved = rows.reshape(2, len(theta), -1)
     slope = (moved - at) / STARTS.difference_rad

@@ -14,11 +14,11 @@ from vgroove.gap.residual.impact.roll_outs import PARAMETERS, simulate_statistic
 from vgroove.gap.residual.impact.start_angle import (
     COLUMN,
     closest_start,
-    from_starts,
     other_starts,
     start_angles,
     with_deviations,
     with_start_curvature,
+    with_starts,
 )
 from vgroove.rig import Rig
 
@@ -41,13 +41,15 @@ def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
     if "hammer_start_rad" in rig.mechanism:
         run = with_responses(replace(run, early=None), neutral)
         return run, theta[[COLUMN]]
-    tried = start_angles(theta)
-    run = with_start_scatter(run, simulate_statistics(run, from_starts(neutral, tried)))
+    tried, has_effects = start_angles(theta), not np.array_equal(neutral, theta)
+    statistics = simulate_statistics(run, with_starts(neutral, tried))
+    run = with_start_scatter(run, statistics)
     neutral[COLUMN] = closest_start(run, neutral, tried)
     run = with_responses(with_start_curvature(run, neutral), neutral)
     best = closest_start(run, theta, tried)
-    others = other_starts(run, tried, simulate_statistics(run, from_starts(theta, tried)))
-    return run, np.concatenate([[best], others])
+    if has_effects:
+        statistics = simulate_statistics(run, with_starts(theta, tried))
+    return run, np.concatenate([[best], other_starts(run, tried, statistics)])
 
 
 def with_start_scatter(run: ImpactRun, statistics: np.ndarray) -> ImpactRun:
