@@ -109,6 +109,7 @@ class Toy:
     rig = rig_from_dict(TOOL, "toy")
     missed_edges = (0.0, 0.0)
     difference_factor = 1.0
+    sigma_is_bound = False
 
     def __init__(
         self,

@@ -1,7 +1,6 @@
 """Logs of hammering tools for tests, made by the project's plant."""
 
 import sys
-from typing import Any
 
 import numpy as np
 
@@ -19,15 +18,18 @@ NOISE = {"current_a": 0.15, "supply_v": 0.02}
 PULSES, TIMEOUT_S = 4, 0.05
 
 
-def impact_rig(load: dict[str, Any] | None = None, **values: float) -> Rig:
-    """The reference tool on a hard joint or another load, with the noise of its sensors stated."""
-    rig = read_rig(TRUTH.parent.parent / "rigs" / "impact_driver.toml")
+def impact_rig(file: str = "impact_driver", **values: float) -> Rig:
+    """The reference tool on the hard joint, or the joint of another file in rigs/, with the noise
+    of its sensors stated.
+    """
+    rig = read_rig(TRUTH.parent.parent / "rigs" / f"{file}.toml")
     stated = {
         "sensors.current_noise_a": NOISE["current_a"],
         "sensors.supply_noise_v": NOISE["supply_v"],
         "sensors.hall_timeout_s": TIMEOUT_S,
-        "load.slip_slope_nm_per_rad": 200.0,
     }
+    if rig.load["kind"] == "hard_joint":
+        stated["load.slip_slope_nm_per_rad"] = 200.0
     return rig.with_values(stated | {k.replace("__", "."): v for k, v in values.items()})
 
 

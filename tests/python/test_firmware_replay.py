@@ -14,11 +14,13 @@ from typer.testing import CliRunner
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.firmware_replay.claim import FirmwareClaim, read_claim
+from vgroove.firmware_replay.delay import actuation_delay_ms
 from vgroove.firmware_replay.kinds import judge_firmware
 from vgroove.firmware_replay.rows import replay_rows
 from vgroove.firmware_replay.search import replay
 from vgroove.gap import command
 from vgroove.log import Log
+from vgroove.page import Page
 from vgroove.rig_template import template_text
 
 FOLDER = Path(__file__).resolve().parents[1] / "firmware_gap"
@@ -102,6 +104,28 @@ def test_each_kind_is_told(kind: str) -> None:
         assert result.first["signal"] == "trigger"
 
 
+@pytest.mark.parametrize("constant_ms", [0.7, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("late_ms", [0.0, 1.5, 3.0])
+def test_a_slow_current_sensor_is_no_late_bridge(constant_ms: float, late_ms: float) -> None:
+    """The current of the released drive stays for the delay and falls, or decays in the sensor."""
+    begin, row = 500, np.arange(600)
+    since = np.maximum(row + np.array([[0.0], [1.0]]) - begin - 1e-3, 0.0)
+    if late_ms:
+        flowed = np.minimum(since, late_ms)
+    else:
+        flowed = constant_ms * (1.0 - np.exp(-since / constant_ms))
+    current = 20.0 * np.where(row < begin, 1.0, flowed[1] - flowed[0])
+    noise = 0.15 * np.random.default_rng(1).standard_normal(len(row))
+    columns = {
+        "duty": np.where(row < begin, 0.8, 0.0),
+        "coast": np.where(row < begin, 0.0, 1.0),
+        "current_a": current + noise,
+        "supply_v": np.full(len(row), 18.0),
+    }
+    found = actuation_delay_ms(Log(1e-3 * row, columns, "made"))
+    assert found == pytest.approx(max(late_ms - 0.2, 0.0), abs=0.1)
+
+
 def test_the_first_tick_of_a_build_is_where_its_duty_is_limited() -> None:
     log = board_log("build")
     result = judge_firmware(log, FirmwareClaim())
@@ -181,16 +205,23 @@ class NoGap:
     def summary(self) -> list[str]:
         return ["none"]
 
+    def page(self, names: list[str]) -> Page:
+        return Page("gap", f"Gap of {names[0]}", [], [])
+
 
 def test_a_diagnosis_adds_the_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "_diagnosed", lambda *_: NoGap())
     path, claim = written(tmp_path, board_log())
     rig, out = tmp_path / "rig.toml", tmp_path / "out.json"
     rig.write_text(template_text("free"), encoding="utf-8")
+    page = tmp_path / "out.html"
     arguments = ["gap", "diagnose", str(path), "--rig", str(rig), "--json", str(out)]
+    arguments += ["--html", str(page)]
     done = CliRunner().invoke(app, [*arguments, "--firmware", str(claim)])
     assert done.exit_code == 0 and "gives every duty" in done.output
     verdict = json.loads(out.read_text(encoding="utf-8"))
     assert verdict["verdict"] == "none" and verdict["firmware"]["verdict"] == "none"
+    assert "<td>as believed</td>" in page.read_text(encoding="utf-8")
     CliRunner().invoke(app, arguments)
+    assert "as believed" not in page.read_text(encoding="utf-8")
     assert "firmware" not in json.loads(out.read_text(encoding="utf-8"))

@@ -493,8 +493,8 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
     """
     left = {"retuned": np.full(3, 10.0 + 1.0 / 3.0), "best": best, "without": best + gains}
     state = SimpleNamespace(
-        loss_by_signal=lambda one: left[one],
-        floor_by_signal=np.full(3, 1.0 / 3.0),
+        loss_by_column=lambda one: left[one],
+        floor_by_column=np.full(3, 1.0 / 3.0),
         floor_power=1.0,
         retuned="retuned",
         sample_shares=np.full(3, 1.0 / 3.0),

@@ -84,9 +84,9 @@ def test_after_widening_the_noise_leaves_less_than_one() -> None:
     factor = factors(state)[0]
     assert state.floor_power == pytest.approx((factor**-2.0 + 2.0) / 3.0, rel=0.01)
     np.testing.assert_allclose(
-        state.floor_by_signal, [factor**-2.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0], rtol=0.01
+        state.floor_by_column, [factor**-2.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0], rtol=0.01
     )
-    assert state.floor_by_signal.sum() == pytest.approx(state.floor_power)
+    assert state.floor_by_column.sum() == pytest.approx(state.floor_power)
 
 
 @pytest.mark.parametrize("tolerance", [{}, TOLERANCE], ids=["trusted", "retuned"])

@@ -122,7 +122,7 @@ def test_a_small_effect_in_other_equations_is_kept(
         score=lambda one: one.left,
         retuned=fit_of(),
         min_gain=lambda one: 0.1,
-        loss_by_signal=lambda one: np.array([one.left]),
+        loss_by_column=lambda one: np.array([one.left]),
     )
     monkeypatch.setattr(
         backward, "fit_without", lambda _, best, i: fit_of(*(j for j in best.ids if j != i))
@@ -166,6 +166,7 @@ class Stepped:
     """
 
     gap_problem = None
+    may_have_gap = True
 
     def __init__(self, gaps: list[float], significant: dict[int, bool]) -> None:
         self.sets = [
@@ -256,8 +257,8 @@ def test_a_set_of_the_torque_balance_is_extended_while_a_member_can_be_establish
     losses = {"base": np.array(left), "retuned": np.full(3, 10.3)}
     state = SimpleNamespace(
         gap_problem="the forward simulation",
-        loss_by_signal=lambda one: losses[one],
-        floor_by_signal=np.full(3, 0.3),
+        loss_by_column=lambda one: losses[one],
+        floor_by_column=np.full(3, 0.3),
         sample_shares=np.full(3, 1.0 / 3.0),
         retuned="retuned",
     )

@@ -380,9 +380,14 @@ class Scored:
     )
     leaves_gap_in_most_draws = search_state.Search.leaves_gap_in_most_draws
     is_far_from_noise = search_state.Search.is_far_from_noise
+    reported_share = search_state.Search.reported_share
+    leaves_most_of_far_gap = search_state.Search.leaves_most_of_far_gap
+    closes_established_share = search_state.Search.closes_established_share
     without: frozenset[str] = frozenset()
     floor = floor_power = FLOOR
     gap_problem = None
+    may_have_gap = True
+    problem = SimpleNamespace(sigma_is_bound=False)
 
 
 def structure(significant: bool) -> remainder.Remainder:
@@ -866,3 +871,50 @@ def test_reused_nuisance_columns_lead_to_the_same_fit() -> None:
         calls = engine.calls
     assert calls < 40
     np.testing.assert_allclose(fits[0].x, fits[1].x, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("is_bound", "retuned", "expected"),
+    [(True, 1.2, False), (True, 1.22, True), (False, 0.9, True)],
+)
+def test_where_sigma_is_an_upper_bound_a_gap_must_be_visible_in_a_column(
+    is_bound: bool, retuned: float, expected: bool
+) -> None:
+    """Two columns share the rows; the other one is far below the noise."""
+    state = SimpleNamespace(
+        problem=SimpleNamespace(sigma_is_bound=is_bound),
+        retuned=None,
+        floor_by_column=np.array([0.5, 0.5]),
+        loss_by_column=lambda _: np.array([0.5 * retuned, 0.2]),
+    )
+    assert search_state.Search.may_have_gap.func(state) is expected
+
+
+# A set that closes a tenth of a squared gap of 101 far from the noise leaves 91.
+@pytest.mark.parametrize(
+    ("is_bound", "after", "verdict"),
+    [(True, 92.0, "unlisted"), (True, 90.0, "partial"), (False, 92.0, "partial")],
+)
+def test_of_a_hammering_tool_a_set_must_close_a_tenth_of_the_reported_gap(
+    is_bound: bool, after: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, part = Scored(101.0, 101.0, after), named_gap(after, 1)
+    state.problem = SimpleNamespace(sigma_is_bound=is_bound)
+    state.leaves_gap_in_most_draws = lambda one: True
+    monkeypatch.setattr(decision, "established_set", lambda *_: part)
+    monkeypatch.setattr(decision, "is_doubtful", lambda *_: False)
+    monkeypatch.setattr(decision, "remaining", lambda *_: structure(True))
+    monkeypatch.setattr(
+        decision, "without_established", lambda *_: SimpleNamespace(verdict="unlisted")
+    )
+    found = decision.decide(selected(state, part), structure(True), {})
+    assert found.verdict == verdict
+
+
+# One event: the comparison cuts it off (score 1.05), the reported gap does not.
+@pytest.mark.parametrize(("reported", "stands"), [(9.0, True), (3.9, False), (0.5, False)])
+def test_a_reported_gap_far_from_the_noise_is_a_remainder(reported: float, stands: bool) -> None:
+    state = Scored(17.0, 17.0, 1.05)
+    one = named_gap(1.05, 1)
+    state.reported_score = lambda fit: reported if fit is one else 17.0
+    assert remainder.stands_above_noise(state, one) is stands

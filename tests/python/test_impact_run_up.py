@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from impact_logs import PARAMETERS, impact_rig, plant_log, ramp
-from vgroove.gap.catalogue.statistics import RUN_UP
+from vgroove.gap.catalogue.statistics import LEVEL, RUN_UP
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.problem import ImpactProblem
+from vgroove.gap.residual.impact.roll_outs import simulate_statistics
+from vgroove.gap.residual.impact.roughness import ROUGHNESS, SLIP_TORQUE, roughness_responses
 from vgroove.gap.residual.impact.start_angle import COLUMN, profiled_starts, start_angles
+from vgroove.gap.residual.impact.start_scatter import StartScatter
 from vgroove.gap.residual.impact.unknowns import REPEATABILITY, SCALED
 from vgroove.gap.residual.loading import load_problem
 from vgroove.log import Log
@@ -111,6 +114,79 @@ def test_whitened_residuals_of_noise_and_nuisances_have_unit_covariance() -> Non
     assert white.whitened(apart) == pytest.approx(apart)
     most = responses[:, 0] / np.linalg.norm(responses[:, 0])
     assert np.linalg.norm(white.whitened(most)) < 0.2
+
+
+def test_the_scatter_over_start_angles_is_shared_where_statistics_move_together() -> None:
+    rng, size = np.random.default_rng(3), np.array([1.0, 5.0, 0.2] * 20)
+    apart = StartScatter.of(size * rng.standard_normal((96, 60)))
+    assert np.allclose(apart.apart, size, rtol=0.25)
+    assert np.linalg.norm(apart.shared / size[:, None], axis=1).max() < 0.5
+    together = StartScatter.of(size * rng.standard_normal((96, 1)))
+    assert np.all(together.apart < 0.15 * size)
+    assert np.allclose(np.linalg.norm(together.shared, axis=1), size, rtol=0.2)
+
+
+def test_the_covariance_over_start_angles_keeps_its_variances() -> None:
+    rng = np.random.default_rng(4)
+    statistics = rng.standard_normal((96, 3)) @ rng.standard_normal((3, 50))
+    statistics += 0.5 * rng.standard_normal((96, 50))
+    found = StartScatter.of(statistics)
+    variance = found.apart**2 + np.sum(found.shared**2, axis=1)
+    assert np.allclose(variance, statistics.var(axis=0, ddof=1))
+    constant = StartScatter.of(np.ones((96, 4)))
+    assert not constant.apart.any() and not constant.shared.any()
+
+
+@pytest.mark.parametrize("column", ["current_a", "supply_v"])
+def test_scatter_that_the_model_does_not_show_is_a_gap(column: str) -> None:
+    """A contact that opens and closes over some tens of ms makes neighbouring windows differ; a
+    sigma from the log's own scatter would hide it.
+    """
+    rig = impact_rig()
+    plain = plant_log(rig, {}, 8, step(0.9))
+    rng = np.random.default_rng(1)
+    switched = np.repeat(rng.integers(0, 2, 1 + len(plain.time_s) // 60), 60)[: len(plain.time_s)]
+    size = {"current_a": 1.0, "supply_v": 0.15}[column]
+    moved = plain.columns | {column: plain.columns[column] + size * switched}
+    logs = (plain, Log(plain.time_s, moved, "loose contact"))
+    steady, loose = (load_problem([log], rig) for log in logs)
+    assert steady.gap(steady.residuals(steady.theta0)[0]) < 1.1
+    assert loose.gap(loose.residuals(loose.theta0)[0]) > 2.0
+    at = [k for k, s in enumerate(loose.signals) if s.column == f"{column}.level"][0]
+    wider = np.median(loose.sigma[loose.signal == at]) / np.median(
+        steady.sigma[steady.signal == at]
+    )
+    assert wider < 1.5
+
+
+@pytest.mark.parametrize(
+    ("file", "seconds", "together"),
+    [("impact_driver", 2.0, True), ("impact_driver_wood_screw", 2.0, False)],
+)
+def test_windows_at_one_place_of_the_joint_meet_one_roughness(
+    file: str, seconds: float, together: bool
+) -> None:
+    """A seated bolt turns by a few degrees from window to window, a screw by a turn."""
+    rig = impact_rig(file)
+    duty = np.concatenate([np.zeros(50), ramp(0.9, seconds)])
+    problem = load_problem([plant_log(rig, {}, 3, duty)], rig)
+    run = problem.runs[0]
+    plant = problem.of_log(0, problem.theta0[None])
+    response = roughness_responses(run, plant[0])
+    level = [p.column == "current_a" and p.kind == LEVEL for p in run.parts].index(True)
+    rows = response[run.part == level][-8:]
+    covariance = rows @ rows.T
+    size = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(size, size)
+    assert len(rows) == 8 and np.all(size > 0.0)
+    assert correlation[0, -1] > 0.6 if together else abs(correlation[0, -1]) < 0.1
+    more = plant.copy()
+    more[0, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
+    plain, rough = simulate_statistics(run, np.concatenate([plant, more]))
+    throughout = np.abs(rough - plain)[run.part == level][-8:]
+    # the mean over a window that passes several places varies less than the torque at one
+    assert np.all(size <= throughout * 1.0001)
+    assert np.all(size > throughout * (0.8 if together else 0.2))
 
 
 def test_the_scale_of_a_sensor_is_no_gap_up_to_its_repeatability() -> None:

@@ -1,8 +1,9 @@
 """Delay between the logged command and the motor's current, at the end and the begin of a drive.
 
 At the end of a drive the current of the opened bridge falls to 0 within a row; what flows in later
-rows is the delay times the current before. At the begin the current follows the commanded voltage
-from rest; the delay is that of the least sum of squares.
+rows is the delay times the current before. A current that decays instead of staying and then
+falling is that of a slow sensor, not of a late bridge. At the begin the current follows the
+commanded voltage from rest; the delay is that of the least sum of squares.
 """
 
 from dataclasses import dataclass
@@ -47,7 +48,21 @@ def _fall_ms(current_a: np.ndarray, opened: np.ndarray, row: int) -> float | Non
     after = current_a[row : row + FALL_ROWS]
     if abs(before) < LIMITS.least_a or not opened[row : row + FALL_ROWS].all():
         return None
-    return float(np.sum(after) / before) if len(after) == FALL_ROWS else None
+    if len(after) < FALL_ROWS:
+        return None
+    length_ms = float(np.sum(after) / before)
+    return FALL_LAG_MS if _decays(after / before, length_ms) else length_ms
+
+
+def _decays(current: np.ndarray, length_ms: float) -> bool:
+    """Whether a current (rows,) as a share of that before, whose sum is a length of time, is rather
+    an exponential decay than a full current for that time; both are means over rows of 1 ms.
+    """
+    row = np.arange(len(current))
+    stays = np.clip(length_ms - row, 0.0, 1.0)
+    constant_ms = max(length_ms, FALL_LAG_MS)
+    decays = constant_ms * (np.exp(-row / constant_ms) - np.exp(-(row + 1) / constant_ms))
+    return bool(np.sum((current - decays) ** 2) < np.sum((current - stays) ** 2))
 
 
 def _begin_ms(log: Log, current_a: np.ndarray, opened: np.ndarray) -> float | None:

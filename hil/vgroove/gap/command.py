@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import tomli_w
 import typer
@@ -14,6 +13,7 @@ from rich.console import Console
 
 from vgroove.firmware_replay.command import firmware_results, firmware_section
 from vgroove.firmware_replay.kinds import FirmwareResult
+from vgroove.firmware_replay.page import firmware_table
 from vgroove.gap import DiagnosisOptions, Verdict, diagnose
 from vgroove.gap.batch_command import ABOVE_CODE
 from vgroove.gap.cases import Case, CaseResult, above_text, junit_text
@@ -69,8 +69,7 @@ def diagnose_files(inputs: InputPaths, outputs: OutputPaths, options: DiagnosisO
     verdict = _diagnosed(logs, rig, options, notes)
     name = ", ".join(path.name for path in logs)
     result = CaseResult(Case(name, logs, inputs.rig), time.monotonic() - begin, verdict)
-    section = {"firmware": firmware_section(replayed)} if inputs.firmware else {}
-    texts = output_texts(verdict, [path.name for path in logs], outputs, section)
+    texts = output_texts(verdict, [path.name for path in logs], outputs, replayed)
     if outputs.junit:
         texts.append((outputs.junit, junit_text([result], outputs.fail_above)))
     for warning in verdict.warnings:
@@ -99,16 +98,19 @@ def _diagnosed(
 
 
 def output_texts(
-    verdict: Verdict, names: Sequence[str], outputs: OutputPaths, section: dict[str, Any]
+    verdict: Verdict, names: Sequence[str], outputs: OutputPaths, replayed: list[FirmwareResult]
 ) -> list[tuple[Path, str]]:
     """Paths and texts of the requested files; all texts are made before any file is written. The
-    JSON file holds `section` besides the verdict.
+    JSON file and the page hold the results of the firmware's replay, if any, besides the verdict.
     """
     texts = []
     if outputs.json:
+        section = {"firmware": firmware_section(replayed)} if replayed else {}
         texts.append((outputs.json, json_text(verdict.as_dict() | section)))
     if outputs.html:
-        texts.append((outputs.html, verdict.page(names).as_html()))
+        page = verdict.page(names)
+        firmware = [firmware_table(replayed)] if replayed else []
+        texts.append((outputs.html, replace(page, parts=[*firmware, *page.parts]).as_html()))
     if outputs.rig:
         texts.append((outputs.rig, tomli_w.dumps(verdict.corrected_rig().as_dict())))
     return texts

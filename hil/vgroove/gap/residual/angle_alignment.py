@@ -62,8 +62,12 @@ class AngleStretches:
 
 def angle_stretches(problem: MeasuredProblem) -> AngleStretches:
     """Stretches of all logs: each begins at the first restart after an instant at which the count
-    may have been lost.
+    may have been lost. A log without restarts is one stretch.
     """
+    if not any(map(len, problem.angles.by_log)):
+        logs = np.arange(len(problem.runs))
+        one = np.ones(len(logs), bool)
+        return AngleStretches(problem.log, ~one, one, logs, tuple(logs[:0] for _ in logs))
     of, restart, rest, first, log = np.zeros(problem.n, int), [], [], [], []
     for j, run in enumerate(problem.runs):
         number = len(log)

@@ -97,6 +97,7 @@ class Problem:
     parameters = list(_core.PARAMETERS)
     portion: ClassVar[PortionLimits] = PortionLimits()
     difference_factor: ClassVar[float] = 1.0  # of the steps of the finite differences of a fit
+    sigma_is_bound: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

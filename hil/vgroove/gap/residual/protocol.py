@@ -56,6 +56,11 @@ class MeasuredProblem(Protocol):
         """Of the steps of finite differences: above 1 where small changes are amplified."""
         ...
 
+    @property
+    def sigma_is_bound(self) -> bool:
+        """Whether standard deviations are upper bounds, as the scatter over unknown starts is."""
+        ...
+
     def index(self, name: str) -> int:
         """Column of a parameter in theta."""
         ...

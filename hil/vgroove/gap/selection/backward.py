@@ -78,7 +78,7 @@ def exceeds_form_error(search: Search, best: Fit, leaner: Fit, share: float) -> 
     """Whether a set gains more than a share of what a leaner one closes, over all signals or in one
     of them: the form error of an effect is large only in the signals in which the effect is large.
     """
-    left, more, alone = (search.loss_by_signal(f) for f in (best, leaner, search.retuned))
+    left, more, alone = (search.loss_by_column(f) for f in (best, leaner, search.retuned))
     beyond = more - left - share * np.maximum(alone - more, 0.0)
     return bool(
         np.sum(more - left) > share * np.sum(alone - more)

@@ -42,6 +42,8 @@ def best_single(search: Search) -> Fit:
 
 def is_visibly_better(search: Search, one: Fit) -> bool:
     """Whether a set is better than retuning and closes a visible gap."""
+    if not search.may_have_gap:
+        return False
     return search.is_better(one, search.retuned) and search.closes_visible_gap(one)
 
 
@@ -88,7 +90,7 @@ def leaves_established_share(search: Search, base: Fit) -> bool:
     """Whether a further member could gain the share that an established one needs, over all signals
     or in one alone.
     """
-    return search.is_substantial(search.loss_by_signal(base) - search.floor_by_signal)
+    return search.is_substantial(search.loss_by_column(base) - search.floor_by_column)
 
 
 def leaves_enough_for_two(search: Search, base: Fit) -> bool:

@@ -95,13 +95,14 @@ def impact_flags(problem: Problem) -> Iterator[str]:
 
 def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
     """Effects of the catalogue that the logs can show; on a hammering tool those of its joint, and
-    none that repeats with the angle of a shaft, because windows of several cycles average it.
+    of several logs none that repeats with the angle of a shaft, whose angle each log begins at is
+    not known.
     """
     effects = available(log_flags(problem), without)
     if problem.rig.mechanism["kind"] != "impact":
         return effects
-    load = problem.rig.load["kind"]
-    return [e for e in effects if e.periodic is None and (not e.loads or load in e.loads)]
+    load, several = problem.rig.load["kind"], len(problem.logs) > 1
+    return [e for e in effects if not (e.periodic and several) and (not e.loads or load in e.loads)]
 
 
 def effect_scales(problem: Problem) -> Scales:

@@ -57,6 +57,9 @@ class ComparisonLimits:
     # share of a large gap that a set must close whichever block is left out
     nearly_all: float = 0.9
     min_scale_share: float = 0.5  # share of an edge clock's scale error that a set must explain
+    # share of the squared reported gap left by retuning that a set closes, from which on it is not
+    # partial (docs/spec/gap.md, section 5)
+    min_closed: float = 0.7
     # squared gap that an established member gains, as a share of what retuning leaves above the
     # sensors' noise (docs/spec/gap.md, section 5)
     min_established_share: float = 0.1
@@ -175,12 +178,25 @@ class Search:
         """Sum of the clipped squared held-out residuals of each bootstrap block (blocks,)."""
         return block_sums(self.blocks, clipped_squares(one.out_of_fold, COMPARISON.clip_sigma))
 
-    def loss_by_signal(self, one: Fit) -> np.ndarray:
-        """Part of each signal in the squared held-out gap (signals,)."""
+    @cached_property
+    def of_column(self) -> np.ndarray:
+        """Index (n,) of the log's column to which each residual belongs. Several statistics of a
+        hammering tool are made from one column.
+        """
+        names = [signal.column.split(".")[0] for signal in self.problem.signals]
+        order = list(dict.fromkeys(names))
+        return np.array([order.index(name) for name in names])[self.problem.signal]
+
+    def by_column(self, weights: np.ndarray) -> np.ndarray:
+        """Sums (columns,) of weights (n,) over the residuals of each column of the log."""
+        return np.bincount(self.of_column, weights=weights, minlength=self.of_column.max() + 1)
+
+    def loss_by_column(self, one: Fit) -> np.ndarray:
+        """Part of each column of the log in the squared held-out gap (columns,)."""
         weights = np.where(
             self.blocks.tested, clipped_squares(one.out_of_fold, COMPARISON.clip_sigma), 0.0
         )
-        return np.bincount(self.problem.signal, weights=weights) / self.blocks.total
+        return self.by_column(weights) / self.blocks.total
 
     def score(self, one: Fit) -> float:
         """Squared held-out gap over all blocks of the fitted comparison, in units of the noise
@@ -199,17 +215,16 @@ class Search:
 
     @cached_property
     def sample_shares(self) -> np.ndarray:
-        """Share of each signal (signals,) in the samples that count."""
+        """Share of each column (columns,) in the samples that count."""
         counts = self.blocks.tested & ~self.problem.censored
-        number = np.bincount(self.problem.signal[counts], minlength=len(self.problem.signals))
-        return number / max(self.blocks.total, 1.0)
+        return self.by_column(counts) / max(self.blocks.total, 1.0)
 
     def is_substantial(self, part: np.ndarray) -> bool:
-        """Whether a part (signals,) of the squared gap is the share of what retuning leaves above
+        """Whether a part (columns,) of the squared gap is the share of what retuning leaves above
         the sensors' noise that an established member gains (docs/spec/gap.md, section 5): over all
-        signals, or in one in which it is a visible gap by itself.
+        columns, or in one in which it is a visible gap by itself.
         """
-        above = np.maximum(self.loss_by_signal(self.retuned) - self.floor_by_signal, 0.0)
+        above = np.maximum(self.loss_by_column(self.retuned) - self.floor_by_column, 0.0)
         visible = part > COMPARISON.visible_excess * self.sample_shares
         share = COMPARISON.min_established_share
         return bool(
@@ -221,29 +236,27 @@ class Search:
         share of what retuning leaves, or the larger part of what the other fit leaves (on a machine
         with one dominant effect the second one is a small share of the whole gap).
         """
-        with_it, more = (self.loss_by_signal(f) for f in (fuller, leaner))
+        with_it, more = (self.loss_by_column(f) for f in (fuller, leaner))
         left = max(float(np.sum(more)) - self.floor_power, 0.0)
         larger_part = np.sum(more - with_it) >= COMPARISON.min_gain_of_left * left
         return bool(larger_part) or self.is_substantial(more - with_it)
 
     def closed_share(self, fuller: Fit, leaner: Fit) -> float:
         """Share that a fit closes of what another one leaves above the sensors' noise, over all
-        signals or in one in which it closes a visible gap, whichever is larger.
+        columns or in one in which it closes a visible gap, whichever is larger.
         """
-        with_it, more = (self.loss_by_signal(f) for f in (fuller, leaner))
-        left, part = np.maximum(more - self.floor_by_signal, MIN_POWER), more - with_it
+        with_it, more = (self.loss_by_column(f) for f in (fuller, leaner))
+        left, part = np.maximum(more - self.floor_by_column, MIN_POWER), more - with_it
         visible = part > COMPARISON.visible_excess * self.sample_shares
         pooled = float(np.sum(part)) / float(np.sum(left))
         return float(max([pooled, *(part[visible] / left[visible])]))
 
     @cached_property
-    def floor_by_signal(self) -> np.ndarray:
-        """Part of each signal (signals,) in floor_power."""
+    def floor_by_column(self) -> np.ndarray:
+        """Part of each column (columns,) in floor_power."""
         counts = self.blocks.tested & ~self.problem.censored
         weights = np.where(counts, self.engine.discrepancy**-2.0, 0.0)
-        return np.bincount(
-            self.problem.signal, weights=weights, minlength=len(self.problem.signals)
-        ) / max(self.blocks.total, 1.0)
+        return self.by_column(weights) / max(self.blocks.total, 1.0)
 
     @cached_property
     def floor_power(self) -> float:
@@ -274,9 +287,12 @@ class Search:
 
         Models may differ in few blocks only, which many bootstrap samples do not contain. Therefore
         a set is not tied if its loss on this very run (loss_bound()) exceeds the minimum effect
-        size, nor if the scale of the Hall edges contradicts it but not the best.
+        size, nor if the scale of the Hall edges contradicts it but not the best, nor if it leaves
+        most of a gap far from the noise that the best closes.
         """
         if self.contradicts_edge_scale(one) and not self.contradicts_edge_scale(best):
+            return False
+        if self.leaves_most_of_far_gap(one) and not self.leaves_most_of_far_gap(best):
             return False
         if self.equal_up_to_chance(one, best):
             return True
@@ -365,6 +381,17 @@ class Search:
         before = np.sqrt(self.score(self.retuned))
         return bool(before - min(noise, left) >= COMPARISON.visible_gap * noise)
 
+    @cached_property
+    def may_have_gap(self) -> bool:
+        """Whether there may be a gap: not where the standard deviations are upper bounds and
+        retuning leaves no visible gap in any column of the log. Chance alone lets one trajectory of
+        an irregular motion follow another one.
+        """
+        if not self.problem.sigma_is_bound:
+            return True
+        visible = (1.0 + COMPARISON.visible_excess) * self.floor_by_column
+        return bool(np.any(self.loss_by_column(self.retuned) > visible))
+
     def leaves_gap(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap."""
         return self.excess_power(one) >= COMPARISON.visible_excess
@@ -374,6 +401,25 @@ class Search:
         run, such as a run-up, is then enough to show it.
         """
         return self.reported_gap(one) >= COMPARISON.far_from_noise * self.floor
+
+    def reported_share(self, one: Fit) -> float:
+        """Share of the squared reported gap left by retuning that a set closes."""
+        floor = self.floor**2
+        retuned, after = (self.reported_score(f) - floor for f in (self.retuned, one))
+        return (retuned - after) / max(retuned, MIN_POWER)
+
+    def leaves_most_of_far_gap(self, one: Fit) -> bool:
+        """Whether the reported gap of a set lies far above the sensors' noise, and the set closes
+        too little of what retuning leaves to be its whole cause. The reported gap weighs single
+        events, which the clip of the comparison cuts off.
+        """
+        return self.is_far_from_noise(one) and self.reported_share(one) < COMPARISON.min_closed
+
+    def closes_established_share(self, one: Fit) -> bool:
+        """Whether a set closes the share of the reported gap that an established member gains. The
+        statistics of a hammering tool are one motion: there is no signal that counts alone.
+        """
+        return self.reported_share(one) >= COMPARISON.min_established_share
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap in most bootstrap samples, so that the gap does not

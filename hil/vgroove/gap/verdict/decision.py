@@ -25,7 +25,7 @@ class DecisionLimits:
     # Least share that a set closes (docs/spec/gap.md, section 5): one effect of the gap before
     # retuning; several, which together imitate more, of the gap that retuning leaves. The first one
     # also divides the verdicts partial and effect.
-    min_closed: tuple[float, ...] = (0.7, 0.85, 0.9, 0.9)
+    min_closed: tuple[float, ...] = (COMPARISON.min_closed, 0.85, 0.9, 0.9)
     min_closed_beyond_retuning: float = 0.5  # least share that one effect closes of the latter
     # Least share that a set of several effects closes if it leaves a visible gap. Effects that are
     # at work leave only their form error (see selection/limits.py): a form that deviates by about
@@ -70,6 +70,8 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
     part = established_set(search, best, covariates)
     if part.ids and is_doubtful(search, part) and is_limited_by_noise(search, part):
         part = search.retuned
+    if search.problem.sigma_is_bound and not search.closes_established_share(part):
+        part = search.retuned
     if not part.ids:
         return without_established(selection, remainder)
     same = key(part.ids) == key(best.ids)
@@ -85,6 +87,8 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
 
 def leaves_visible_gap(search: Search, best: Fit) -> bool:
     """Whether a set leaves a visible gap above the sensors' noise."""
+    if search.leaves_most_of_far_gap(best):
+        return True
     return relative_excess_power(search, best) > COMPARISON.visible_excess
 
 
@@ -118,29 +122,20 @@ def named(search: Search, best: Fit, rivals: list[Fit], remainder: Remainder) ->
     """
     if rivals:
         return Finding("ambiguous", best, rivals, remainder)
-    partial = remainder.significant and reported_share(search, best) < DECISION.min_closed[0]
+    partial = remainder.significant and search.reported_share(best) < COMPARISON.min_closed
     return Finding("partial" if partial else "effect", best, [], remainder)
 
 
-def reported_share(search: Search, best: Fit) -> float:
-    """Share of the squared reported gap left by retuning that a set closes."""
-    retuned, after = (search.reported_gap(f) ** 2 for f in (search.retuned, best))
-    return closed_power_share(retuned, after, search.floor**2)
-
-
 def is_unlisted_gap(search: Search, retuned: Fit, remainder: Remainder) -> bool:
-    """Whether retuning leaves a visible gap that is significant, and that either depends on a
-    measured quantity, or is visible in most bootstrap samples, or is far from the noise: then one
-    event, such as a run-up, is enough.
+    """Whether retuning leaves a significant gap that is far from the noise (then one event, such as
+    a run-up, is enough), or is visible and either depends on a measured quantity or is visible in
+    most bootstrap samples.
     """
-    return (
-        remainder.significant
-        and search.score(retuned) > search.floor_power * (1.0 + COMPARISON.visible_excess)
-        and (
-            remainder.best_correlate is not None
-            or search.is_far_from_noise(retuned)
-            or search.leaves_gap_in_most_draws(retuned)
-        )
+    if not remainder.significant or search.leaves_most_of_far_gap(retuned):
+        return remainder.significant
+    visible = search.floor_power * (1.0 + COMPARISON.visible_excess)
+    return search.score(retuned) > visible and (
+        remainder.best_correlate is not None or search.leaves_gap_in_most_draws(retuned)
     )
 
 

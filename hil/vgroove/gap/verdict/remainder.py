@@ -151,6 +151,8 @@ def stands_above_noise(search: Search, best: Fit) -> bool:
     """Whether a fit leaves more than the power of the sensors' noise, and, unless the gap is far
     from the noise, not in one or two blocks only, as a single event of the run would.
     """
+    if search.leaves_most_of_far_gap(best):
+        return True
     noise = search.floor_power
     if search.score(best) <= (1.0 + REMAINDER.min_excess) * noise:
         return False

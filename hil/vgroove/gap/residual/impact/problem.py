@@ -52,6 +52,7 @@ class ImpactProblem(Problem):
     portion: ClassVar[PortionLimits] = PortionLimits(sets=8)
     # impacts amplify small changes: slopes over short steps are those of single blows
     difference_factor: ClassVar[float] = 4.0
+    sigma_is_bound: ClassVar[bool] = True
 
     @cached_property
     def parameters(self) -> list[str]:

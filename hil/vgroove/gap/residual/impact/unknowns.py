@@ -8,9 +8,15 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.gap.catalogue.statistics import LEVEL, PERIOD, RUN_UP, SHAPE
-from vgroove.gap.residual.impact.impact_run import ImpactRun
+from vgroove.gap.residual.impact.impact_run import ImpactRun, own_sigma
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
-from vgroove.gap.residual.impact.roll_outs import PARAMETERS, simulate_statistics
+from vgroove.gap.residual.impact.roll_outs import (
+    PARAMETERS,
+    model_columns,
+    simulate,
+    simulate_statistics,
+)
+from vgroove.gap.residual.impact.roughness import roughness_responses
 from vgroove.gap.residual.impact.start_angle import (
     COLUMN,
     closest_start,
@@ -20,15 +26,14 @@ from vgroove.gap.residual.impact.start_angle import (
     with_start_curvature,
     with_starts,
 )
+from vgroove.gap.residual.impact.start_scatter import StartScatter
 from vgroove.rig import Rig
 
-# Relative standard deviation of a slip torque along the joint, which no log states: wood and
-# lubricated threads vary by a few per cent from place to place (an estimate)
-SLIP_TORQUE, ROUGHNESS = "effects.thread_friction.relative", 0.03
 # Relative standard deviation of a column's scale and of the period from run to run: no tool
 # repeats, and no sensor keeps its scale, more closely (an estimate)
 REPEATABILITY = 1e-3
 SCALED = (LEVEL, PERIOD, RUN_UP, SHAPE)  # kinds of statistics in proportion to a scale
+SIMULATED_LOGS = 4  # from which the scatter that noise and mechanism cause is taken
 
 
 def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
@@ -39,40 +44,49 @@ def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
     theta = rig.parameters()
     neutral = without_effects(theta)
     if "hammer_start_rad" in rig.mechanism:
-        run = with_responses(replace(run, early=None), neutral)
-        return run, theta[[COLUMN]]
+        run = with_simulated_scatter(run, neutral, theta[[COLUMN]])
+        none = np.zeros((len(run.part), 0))
+        return with_responses(replace(run, early=None), neutral, none), theta[[COLUMN]]
+    run = with_simulated_scatter(run, neutral, start_angles(theta, SIMULATED_LOGS))
     tried, has_effects = start_angles(theta), not np.array_equal(neutral, theta)
     statistics = simulate_statistics(run, with_starts(neutral, tried))
-    run = with_start_scatter(run, statistics)
+    scatter = start_scatter(run, statistics)
+    run = with_deviations(run, scatter.apart)
     neutral[COLUMN] = closest_start(run, neutral, tried)
-    run = with_responses(with_start_curvature(run, neutral), neutral)
+    run = with_responses(with_start_curvature(run, neutral), neutral, scatter.shared)
     best = closest_start(run, theta, tried)
     if has_effects:
         statistics = simulate_statistics(run, with_starts(theta, tried))
     return run, np.concatenate([[best], other_starts(run, tried, statistics)])
 
 
-def with_start_scatter(run: ImpactRun, statistics: np.ndarray) -> ImpactRun:
-    """The run whose standard deviations contain the scatter of statistics (M, n) over all start
-    angles; of windows without a cycle, whose phase is not known either, their whole range. The
-    run-up follows one start angle.
+def with_simulated_scatter(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> ImpactRun:
+    """The run whose standard deviations are at most those of logs of the rig's own model from start
+    angles (M,), with the sensors' noise: what scatters further in the log is evidence.
+    """
+    rows = simulate(run, with_starts(theta, start_rad))
+    noise = np.random.default_rng(0)
+    columns = {
+        name: values + run.reader.noise[name] * noise.standard_normal(values.shape)
+        for name, values in model_columns(run, rows).items()
+    }
+    each = [
+        own_sigma(run, {name: values[[k]] for name, values in columns.items()})
+        for k in range(len(start_rad))
+    ]
+    simulated = np.sqrt(np.mean(np.square(each), axis=0))
+    return replace(run, sigma=np.fmin(run.sigma, simulated))
+
+
+def start_scatter(run: ImpactRun, statistics: np.ndarray) -> StartScatter:
+    """How the statistics scatter, from those (M, n) over all start angles; windows without a cycle,
+    whose phase is not known either, apart and over their whole range. The run-up follows one start
+    angle.
     """
     cycle = run.of_places(run.windows.periodic, np.zeros(len(run.run_up.first), bool))
-    scatter = np.where(cycle, statistics.std(axis=0), np.ptp(statistics, axis=0))
-    return with_deviations(run, np.where(run.is_run_up, 0.0, np.nan_to_num(scatter)))
-
-
-def roughness(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
-    """Responses (n, groups) to the roughness of the joint, which each window, and each span of the
-    run-up, meets at another place: those to a slip torque that is larger throughout, times
-    ROUGHNESS.
-    """
-    both = np.stack([theta, theta])
-    both[1, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
-    plain, more = simulate_statistics(run, both)
-    spans = run.windows.count + np.arange(len(run.run_up.first))
-    place = run.of_places(np.arange(run.windows.count), spans)
-    return np.nan_to_num(more - plain)[:, None] * (place[:, None] == np.unique(place))
+    found = StartScatter.of(np.where(cycle, statistics, 0.0))
+    other = np.where(cycle | run.is_run_up, 0.0, np.nan_to_num(np.ptp(statistics, axis=0)))
+    return replace(found, apart=np.where(cycle, found.apart, other))
 
 
 def repeatability(run: ImpactRun) -> np.ndarray:
@@ -84,10 +98,12 @@ def repeatability(run: ImpactRun) -> np.ndarray:
     return size[:, None] * (mine[:, None] == np.arange(len(columns)))
 
 
-def with_responses(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
-    """The run that is judged beside what else the log does not tell, for parameters (P,)."""
+def with_responses(run: ImpactRun, theta: np.ndarray, of_start: np.ndarray) -> ImpactRun:
+    """The run that is judged beside what the log does not tell, for parameters (P,); of_start: the
+    responses (n, M) to the start angle.
+    """
     kept = run.judged
-    every = np.concatenate([roughness(run, theta), repeatability(run)], axis=1)
+    every = np.concatenate([roughness_responses(run, theta), repeatability(run), of_start], axis=1)
     return replace(run, nuisance=NuisanceDirections.of(every[kept] / run.sigma[kept, None]))
 
 
