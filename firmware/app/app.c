@@ -127,32 +127,39 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
-// Does one pending computation that takes about as many cycles as packing a slow frame; false: none
-// was pending.
-static bool slow_work(App *self) {
+// Pending computation of a tick: none, one that takes about as many cycles as packing a slow frame,
+// one that takes more.
+typedef enum { SLOW_NONE, SLOW_USUAL, SLOW_LONG } SlowWork;
+
+static SlowWork slow_work(App *self) {
     const bool no_edge = self->hall.new_edges == 0u;
     if (execute_pending(self)) {
+        const bool answers = execute_answers(self);
         execute_received(self);
-    } else if (no_edge && configure_pending(self)) {
+        return answers ? SLOW_LONG : SLOW_USUAL;
+    }
+    if (no_edge && configure_pending(self)) {
         configure_step(self);
     } else if (no_edge && calibrate_pitch_due(self)) {
         calibrate_pitch(self);
     } else if (hall_speed_search_due(&self->hall)) {
         hall_speed_search(&self->hall);
+        return SLOW_LONG;
     } else if (param_due(&self->params)) {
         param_step(&self->params);
         self->report.params.table.table_slot = self->params.slot;
         self->report.params.table.table_status = self->params.status;
     } else {
-        return false;
+        return SLOW_NONE;
     }
-    return true;
+    return SLOW_USUAL;
 }
 
 // A tick has cycles for one of these: slow work, a slow frame, a second edge, an edge with
 // fold-back, or the computations of a controller at a blow, which last for three ticks. A slow
-// frame that had to wait has priority over slow work in the next tick. Checking or answering a
-// command holds the update of STATE as well.
+// frame that had to wait has priority over slow work in the next tick. Long work, and slow work in
+// a tick with an edge, hold the update of STATE as well; a pending slow frame ends that within two
+// ticks. So does the CRC of a dump.
 static void share_tick(App *self) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
@@ -162,10 +169,11 @@ static void share_tick(App *self) {
             (uint8_t)(edges && self->full_ticks < FULL_TICKS_MAX ? self->full_ticks + 1u : 0u);
     }
     const bool full = self->heavy || self->full_ticks > 0u;
-    const bool answers = execute_answers(self);
-    const bool worked = !full && !self->slow_turn && slow_work(self);
-    self->report.hold_slow = worked || full;
-    self->report.hold_state = full || (worked && answers);
+    const SlowWork work = full || self->slow_turn ? SLOW_NONE : slow_work(self);
+    self->report.hold_slow = full || work != SLOW_NONE;
+    self->report.hold_state = full || work == SLOW_LONG ||
+                              (work == SLOW_USUAL && self->hall.new_edges > 0u) ||
+                              (work == SLOW_NONE && telemetry_sums_dump(&self->telemetry));
 }
 
 void app_tick(App *self, uint8_t ticks_late) {

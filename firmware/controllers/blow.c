@@ -1,8 +1,7 @@
 // Blow detection, see blow.h.
 #include "controllers/blow.h"
 
-#include <string.h>
-
+#include "core/clear.h"
 #include "core/divide.h"
 #include "core/fixed.h"
 #include "core/inline.h"
@@ -43,9 +42,9 @@
 // A joint that turns by 0.4 lugs or more between two blows leaves the hammer 23 to 29 ms.
 #define SOFT_MOST_MS 28u
 
-#define RIPPLE_SHIFT 2u  // running mean of the ripple over 4 valleys
-#define MEAN_SHIFT 3u    // running mean of angle and period over 8 blows
-#define BASE_SHIFT 4u    // base_rpm: mean over 16 ms, so that a run-up hides no valley
+#define RIPPLE_SHIFT 2u    // running mean of the ripple over 4 valleys
+#define MEAN_SHIFT 3u      // running mean of angle and period over 8 blows
+#define BASE_SHARE_Q8 16u  // base_rpm: mean over 16 ms, so that a run-up hides no valley
 
 // The first contact leaves no valley of its own: the first valley is that of the swing after it.
 #define LUGS_FIRST 2u
@@ -88,7 +87,7 @@ INLINE_NEVER static void set_ripple(Blow *self, int16_t ripple_rpm) {
 
 void blow_start(Blow *self, const BlowSetpoints *set) {
     (void)set;
-    (void)memset(self, 0, sizeof *self);
+    CLEAR(self);
     self->since_hit_ms = PAUSE_MS;
     self->rising = true;
     self->ahead_angle = ANGLE_NEVER;
@@ -217,7 +216,7 @@ static uint8_t sixteenths(uint16_t over, uint16_t step) {
 
 // The fraction of the tick at which the signal crossed the hysteresis resolves the period further.
 static void close_blow(Blow *self) {
-    const uint8_t fraction_q4 = sixteenths(self->over_rpm, self->step_rpm);
+    const uint8_t fraction_q4 = self->fraction_q4;
     self->count =
         (uint16_t)(self->count + self->lugs - (self->ahead_angle == ANGLE_AHEAD ? 1u : 0u));
     self->ahead_angle = (int16_t)(self->mean_angle + more_angle(self) - self->late_angle);
@@ -347,8 +346,9 @@ static void valley(Blow *self, int16_t last_rpm) {
     if (self->seen > SEEN_NONE && same) {
         return;
     }
-    self->over_rpm = (uint16_t)(self->signal_rpm - self->extreme_rpm - self->hysteresis_rpm);
-    self->step_rpm = (uint16_t)(self->signal_rpm - last_rpm);
+    self->fraction_q4 =
+        sixteenths((uint16_t)(self->signal_rpm - self->extreme_rpm - self->hysteresis_rpm),
+                   (uint16_t)(self->signal_rpm - last_rpm));
     learn_ripple(self);
     self->since_hit_ms = 0;
     self->busy = true;
@@ -368,7 +368,8 @@ static void sense(Blow *self, const BlowSetpoints *set, const ControllerInputs *
     if (first) {
         self->base_rpm = self->speed_rpm;
     }
-    self->base_rpm = (int16_t)(self->base_rpm + ((self->speed_rpm - self->base_rpm) >> BASE_SHIFT));
+    const int16_t off = (int16_t)(self->speed_rpm - self->base_rpm);
+    self->base_rpm = (int16_t)(self->base_rpm + fixed_byte_part(off, BASE_SHARE_Q8));
     self->signal_rpm = (int16_t)(self->speed_rpm - self->base_rpm);
 }
 
@@ -391,7 +392,9 @@ void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in)
     BY_POINTER(self);
     self->lugs = 0;
     self->busy = self->work != (uint8_t)WORK_NONE;
-    work(self, set, in->edges > 0u);
+    if (self->busy) {
+        work(self, set, in->edges > 0u);
+    }
     count_time(self);
     const int16_t last_rpm = self->signal_rpm;
     const bool rising = self->rising;

@@ -56,8 +56,8 @@ typedef struct {
     bool even;                       // small ripple: the hammer swings once per lug
     uint8_t seen;                    // blows detected, up to 3: see SEEN_* in blow.c
     uint8_t work;                    // computation left for the next tick
-    uint16_t over_rpm, step_rpm;     // signal beyond the hysteresis; its change in that tick
-    uint8_t last_fraction_q4;        // of a tick, from crossing the hysteresis to the tick's end
+    uint8_t fraction_q4;             // of a tick, from crossing the hysteresis to the tick's end
+    uint8_t last_fraction_q4;        // the same of the last blow
     uint8_t since_ms, since_hit_ms;  // time since the last blow, since the last valley
     int16_t angle, hit_angle;        // since the last blow; at the last valley. rpm ms / 64
     int16_t charge_q1;               // current integrated over time since the last blow, A ms

@@ -2,6 +2,7 @@
 // reference tool of its section 4.
 #include "controllers/drill.h"
 
+#include "core/clear.h"
 #include "core/divide.h"
 #include "core/fixed.h"
 #include "core/inline.h"
@@ -94,7 +95,9 @@ static void set_clutch(Drill *self, const DrillSetpoints *set) {
 
 void drill_start(Drill *self, const DrillSetpoints *set) {
     (void)set;  // read in the first step
-    *self = (Drill){.state = DRILL_RUN, .settling = SETTLING_TICKS};
+    CLEAR(self);
+    self->state = DRILL_RUN;
+    self->settling = SETTLING_TICKS;
 }
 
 void drill_reverse(DrillSetpoints *set) {

@@ -31,14 +31,22 @@ INLINE_NEVER static int32_t integrated(const Foldback *self, int16_t current_a_q
     return lowers ? -size_q23 : size_q23;
 }
 
+// Sum within the range of the duty, in 16 bits.
+static int16_t raised(int16_t duty_q15, int16_t change_q15) {
+    const int16_t sum_q15 = (int16_t)((uint16_t)duty_q15 + (uint16_t)change_q15);
+    if (sum_q15 >= 0) {
+        return (duty_q15 & change_q15) < 0 ? 0 : sum_q15;
+    }
+    return (duty_q15 | change_q15) < 0 ? 0 : INT16_MAX;
+}
+
 int16_t foldback_step(Foldback *self, int16_t requested_q15, int16_t current_a_q9) {
     if (!self->active && current_a_q9 <= self->limit_a_q9 && current_a_q9 >= -self->limit_a_q9) {
         return (int16_t)(requested_q15 < 0 ? 0 : requested_q15);  // most ticks
     }
     self->change_q23 = integrated(self, current_a_q9);
     self->active = self->change_q23 != 0;
-    const int32_t allowed_q15 = (int32_t)requested_q15 + (int16_t)(self->change_q23 >> 8);
-    return (int16_t)(allowed_q15 < 0 ? 0 : allowed_q15 > INT16_MAX ? INT16_MAX : allowed_q15);
+    return raised(requested_q15, (int16_t)(self->change_q23 >> 8));
 }
 
 bool foldback_active(const Foldback *self) {

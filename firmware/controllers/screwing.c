@@ -1,6 +1,7 @@
 // Precise screwing, see screwing.h.
 #include "controllers/screwing.h"
 
+#include "core/clear.h"
 #include "core/divide.h"
 #include "core/inline.h"
 #include "core/slew.h"
@@ -66,7 +67,8 @@ static uint16_t phase_of(int16_t x, int16_t y) {
 
 void screwing_start(Screwing *self, const ScrewingSetpoints *set) {
     (void)set;  // read when the impacts begin
-    *self = (Screwing){.state = SCREWING_RUN_IN};
+    CLEAR(self);
+    self->state = SCREWING_RUN_IN;
 }
 
 static void settle(Screwing *self) {

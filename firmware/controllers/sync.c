@@ -1,6 +1,7 @@
 // Synchronisation, see sync.h.
 #include "controllers/sync.h"
 
+#include "core/clear.h"
 #include "core/fixed.h"
 #include "core/inline.h"
 #include "core/slew.h"
@@ -33,7 +34,8 @@ typedef enum { TURN_FOLLOW, TURN_TRIM, TURN_LEVEL, TURN_APPROACH } Turn;
 
 void sync_start(Sync *self, const SyncSetpoints *set) {
     (void)set;
-    *self = (Sync){.state = SYNC_PLAIN};
+    CLEAR(self);
+    self->state = SYNC_PLAIN;
 }
 
 // Low-pass filters of supply and current.

@@ -1,6 +1,7 @@
 // Torque control, see torque.h.
 #include "controllers/torque.h"
 
+#include "core/clear.h"
 #include "core/divide.h"
 #include "core/fixed.h"
 #include "core/inline.h"
@@ -8,7 +9,7 @@
 // docs/spec/model.md, section 4: k = 10.9 mN m/A is 0.5707 mV per 0.5 rpm, R = 0.19 ohm is 0.3711
 // mV per 2^-9 A.
 #define EMF_MV_Q16 37403
-#define DROP_MV_Q16 24320
+#define DROP_MV_Q8 95u
 #define EXCESS_MAX_MV 4000  // limit of the excess voltage; more is a sensor fault
 
 // Initial feed-forward, below that of any supply and winding: the first blows must not be too hard,
@@ -55,9 +56,10 @@
 void torque_start(Torque *self, const TorqueSetpoints *set) {
     const bool known =
         set->target_nm >= TORQUE_MAP_FIRST_NM && set->target_nm <= TORQUE_MAP_LAST_NM;
-    *self = (Torque){.taken_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536,
-                     .excess_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536,
-                     .goal_mv = torque_map_run_mv()};
+    CLEAR(self);
+    self->taken_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536;
+    self->excess_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536;
+    self->goal_mv = torque_map_run_mv();
     if (!known) {
         self->state = TORQUE_OVER;
         self->reason = CONTROLLER_REASON_UNREACHABLE;
@@ -73,10 +75,9 @@ static int16_t high_word(int32_t value) {
     return (int16_t)(value >> 16);
 }
 
-// First-order low-pass filter with a time constant of 65536 / gain calls.
-static int32_t low_pass(int32_t value_q16, int16_t in, uint16_t gain_q16) {
-    FIXED_HIDE(gain_q16);  // a product costs a third of the shift that the compiler would emit
-    return value_q16 + (int32_t)(int16_t)(in - high_word(value_q16)) * (int16_t)gain_q16;
+// First-order low-pass filter with a time constant of 256 / gain calls.
+INLINE_ALWAYS int32_t low_pass(int32_t value_q16, int16_t in, uint8_t gain_q8) {
+    return fixed_add_product_q8(value_q16, (int16_t)(in - high_word(value_q16)), gain_q8);
 }
 
 static int16_t emf_mv(const ControllerInputs *in) {
@@ -88,11 +89,11 @@ static int16_t emf_mv(const ControllerInputs *in) {
 static void measure_current(Torque *self) {
     const bool three = self->gathered > 2u;
     const int16_t mean_a_q8 = three ? high_word((int32_t)self->sum_a_q7 * 43691) : self->sum_a_q7;
-    const uint16_t gain = three ? 6144u : 4096u;
+    const uint8_t gain = three ? 24u : 16u;
     self->quick_a_q24 = low_pass(self->quick_a_q24, mean_a_q8, gain);
     self->current_a_q24 = low_pass(self->current_a_q24, high_word(self->quick_a_q24), gain);
     self->slow_a_q24 =
-        low_pass(self->slow_a_q24, high_word(self->current_a_q24), (uint16_t)(gain >> 1));
+        low_pass(self->slow_a_q24, high_word(self->current_a_q24), (uint8_t)(gain >> 1));
     self->sum_a_q7 = 0;
     self->gathered = 0;
 }
@@ -105,16 +106,16 @@ static int16_t share_mv(int16_t duty_q15, uint16_t supply_mv) {
 // Voltage of the bridge beyond that of the nominal motor: back-EMF plus the drop of the winding.
 static void measure_voltage(Torque *self, const ControllerInputs *in) {
     const int16_t given_mv = share_mv(in->duty_q15, in->supply_mv);
-    const int16_t drop_mv = high_word((int32_t)in->current_a_q9 * DROP_MV_Q16);
+    const int16_t drop_mv = fixed_byte_part(in->current_a_q9, DROP_MV_Q8);
     const int16_t own_mv =
         (int16_t)(((emf_mv(in) >> 1) + (drop_mv >> 1)));  // halves: sums fit in 16 bits
     int16_t excess_mv = (int16_t)((given_mv >> 1) - own_mv);
     excess_mv = (int16_t)(excess_mv > EXCESS_MAX_MV / 2
                               ? EXCESS_MAX_MV / 2
                               : (excess_mv < -EXCESS_MAX_MV / 2 ? -EXCESS_MAX_MV / 2 : excess_mv));
-    self->excess_mv_q16 = low_pass(self->excess_mv_q16, (int16_t)(2 * excess_mv), 2048);
+    self->excess_mv_q16 = low_pass(self->excess_mv_q16, (int16_t)(2 * excess_mv), 8);
     if (self->state != TORQUE_RUN || self->ticks > RUN_MS) {
-        self->taken_mv_q16 = low_pass(self->taken_mv_q16, high_word(self->excess_mv_q16), 1024);
+        self->taken_mv_q16 = low_pass(self->taken_mv_q16, high_word(self->excess_mv_q16), 4);
     }
 }
 

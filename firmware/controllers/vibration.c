@@ -1,6 +1,7 @@
 // Low vibration, see vibration.h.
 #include "controllers/vibration.h"
 
+#include "core/clear.h"
 #include "core/divide.h"
 #include "core/fixed.h"
 #include "core/inline.h"
@@ -80,10 +81,10 @@ static MotorVoltages measure(const Vibration *self, const VibrationSetpoints *se
 }
 
 void vibration_start(Vibration *self, const VibrationSetpoints *set) {
-    *self = (Vibration){
-        .limit_q15 = INT16_MAX,
-        .least_q15 = UINT16_MAX,
-        .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MAX ? set->motor_mohm : MOHM_MAX) << 7)};
+    CLEAR(self);
+    self->limit_q15 = INT16_MAX;
+    self->least_q15 = UINT16_MAX;
+    self->mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MAX ? set->motor_mohm : MOHM_MAX) << 7);
 }
 
 // Whether the trigger is too weak for a soft start, or not known to be strong enough yet.

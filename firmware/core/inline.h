@@ -5,6 +5,9 @@
 
 #define INLINE_NEVER __attribute__((noinline))
 
+// For short assembly, whose call takes more time than itself.
+#define INLINE_ALWAYS static inline __attribute__((always_inline))
+
 // For rarely called functions: no clone with constant addresses, which are longer than a pointer.
 #ifdef __clang__
 #define CLONE_NEVER INLINE_NEVER

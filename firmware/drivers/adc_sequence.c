@@ -16,6 +16,7 @@
 // Every fourth slot, from the third on, is not a current sample: found without a table.
 #define OTHER_EVERY 4u
 #define OTHER_AT 2u
+#define BUS_EVERY 8u  // of these every second one is the bus
 
 _Static_assert(offsetof(AdcSequence, high) == offsetof(AdcSequence, low) + ADC_SEQUENCE_RING,
                "sample_of");
@@ -78,13 +79,15 @@ static uint16_t sample_of(const AdcSequence *self, uint8_t slot) {
     return (uint16_t)(place[0] | (uint16_t)((uint16_t)place[ADC_SEQUENCE_RING] << 8));
 }
 
-static void take_other(AdcTick *out, uint8_t channel, uint16_t counts) {
-    out->latest[channel] = counts;
-    uint8_t bit = 1u << HAL_ADC_BUS;  // no variable shift
-    if (channel != HAL_ADC_BUS) {
-        bit = channel == HAL_ADC_TRIGGER ? 1u << HAL_ADC_TRIGGER : 1u << HAL_ADC_TEMPERATURE;
+// Stores a sample that is none of the current; returns the bit of its channel.
+static uint8_t take_other(AdcTick *out, uint8_t slot, uint16_t counts) {
+    if (slot % BUS_EVERY == OTHER_AT) {
+        out->latest[HAL_ADC_BUS] = counts;
+        return 1u << HAL_ADC_BUS;  // no variable shift
     }
-    out->fresh = (uint8_t)(out->fresh | bit);
+    const uint8_t channel = adc_sequence_channel(slot);
+    out->latest[channel] = counts;
+    return channel == HAL_ADC_TRIGGER ? 1u << HAL_ADC_TRIGGER : 1u << HAL_ADC_TEMPERATURE;
 }
 
 // Counts of a marked sample, beyond the trip; saturated samples are a subset of these.
@@ -101,16 +104,16 @@ void adc_sequence_tick(AdcSequence *self, AdcTick *out) {
     out->lost = false;
     out->trips = false;
     out->saturated = false;
-    out->fresh = 0;
     uint8_t due = samples_due(self, &out->lost);
     uint8_t slot = self->tail;
     self->tail = (uint8_t)(slot + due);
     uint16_t sum = 0;
     uint8_t count = 0;
+    uint8_t fresh = 0;
     for (; due > 0u; due--, slot++) {
         uint16_t counts = sample_of(self, slot);
         if (slot % OTHER_EVERY == OTHER_AT) {
-            take_other(out, adc_sequence_channel(slot), counts);
+            fresh |= take_other(out, slot, counts);
             continue;
         }
         if ((counts & MARK) != 0u) {
@@ -119,6 +122,7 @@ void adc_sequence_tick(AdcSequence *self, AdcTick *out) {
         sum = (uint16_t)(sum + counts);
         count++;
     }
+    out->fresh = fresh;
     out->current_sum = sum;
     out->current_count = count;
 }

@@ -11,6 +11,9 @@
 #define SAMPLES_MAX 8u
 // Counts Q4 times A/count Q15 is A Q19; the result is Q9.
 #define PRODUCT_SHIFT (UNITS_COUNT_Q + 15u - UNITS_CURRENT_Q)
+#if PRODUCT_SHIFT != 10u
+#error "the product is shifted by a byte and two bits"
+#endif
 #define REST_SAMPLES (1u << CURRENT_SENSE_REST_SAMPLES_LOG2)
 
 // 2^20 / n, high and low word: converts a sum of n counts into its mean in Q4 by a shift of 16.
@@ -33,7 +36,7 @@ int16_t current_sense_a_q9(const CurrentSense *self, int16_t mean_q4, bool *satu
     int32_t value = (int32_t)(int16_t)(mean_q4 - self->offset_q4) * self->gain_a_q15;
     value = (value + ((int32_t)1 << (PRODUCT_SHIFT - 1u))) >> 8;
     FIXED_HIDE(value);
-    return fixed_saturate_i16(value >> (PRODUCT_SHIFT - 8u), saturated);
+    return fixed_saturate_i16(fixed_quarter_i32(value), saturated);
 }
 
 static uint16_t within_scale(int16_t counts) {

@@ -28,8 +28,10 @@ void h_bridge_init(HBridge *self, uint8_t dead_counts) {
 
 int16_t h_bridge_compare(int16_t duty_q15) {
     const uint16_t magnitude = (uint16_t)(duty_q15 < 0 ? -(int32_t)duty_q15 : duty_q15);
-    const int16_t compare =
-        (int16_t)(((uint32_t)magnitude * COMPARE_FACTOR + 0x8000u) >> (UNITS_DUTY_Q + 1u));
+    uint32_t full_q15 = (uint32_t)magnitude << 8;  // 256, less 1: a move of bytes
+    FIXED_HIDE(full_q15);
+    full_q15 = 2u * (full_q15 - magnitude + 0x4000u);
+    const int16_t compare = (int16_t)(full_q15 >> (UNITS_DUTY_Q + 1u));
     return (int16_t)(duty_q15 < 0 ? -compare : compare);
 }
 

@@ -2,6 +2,7 @@
 #include "drivers/hall_speed.h"
 
 #include "core/divide.h"
+#include "core/fixed.h"
 #include "core/inline.h"
 #include "hal/hal.h"
 
@@ -19,6 +20,9 @@
 // Missed edges are detected in periods up to this multiple of least_cycles: below 2,979 rpm the
 // drive can halve its speed within a pitch, which looks like a missed edge.
 #define MISSED_RATIO 11u
+
+// The edge of a pitch, a second edge of the same magnet, an edge after a missed one.
+typedef enum { EDGE_VALID, EDGE_DOUBLE, EDGE_MISSED } EdgeKind;
 
 // factor_equal * share / 2^13 in two parts, since the product has 45 bits.
 static uint32_t factor_of_share(uint32_t factor_equal, int16_t share_q15) {
@@ -57,8 +61,18 @@ void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15) {
     self->factor[pitch % HALL_SPEED_PITCHES] = factor_of_share(self->factor_equal, share_q15);
 }
 
-static uint32_t factor_at(const HallSpeed *self, uint8_t index) {
-    return self->index_known ? self->factor[index % HALL_SPEED_PITCHES] : self->factor_equal;
+// Whether the pitch that ends at the next edge is known, learned or measured; else it counts as
+// equal to the others.
+static bool pitch_known(const HallSpeed *self) {
+    return self->index_known || self->spacing.part_rpm_q1 != 0u;
+}
+
+// Of that pitch.
+static uint32_t factor_ahead(const HallSpeed *self) {
+    if (self->index_known) {
+        return self->factor[self->index % HALL_SPEED_PITCHES];
+    }
+    return pitch_known(self) ? hall_spacing_factor(&self->spacing) : self->factor_equal;
 }
 
 // In reverse the pitches come in the opposite order.
@@ -71,31 +85,37 @@ static uint16_t speed_of(uint32_t factor, uint32_t period) {
     return divide_u16(factor + period / 2u, period);
 }
 
-// Within half of the last period: neither a second edge of the same magnet nor after a missed edge.
-// True for most edges, which skips the other tests.
-static bool is_even(const HallSpeed *self, uint32_t period) {
-    const uint32_t half = self->period_cycles >> 1;
-    return self->edges >= PERIOD_EDGES && period >= self->least_cycles && period >= half &&
-           period - half <= self->period_cycles;
-}
-
-static bool is_double(const HallSpeed *self, uint32_t period) {
-    return period < self->least_cycles ||
-           (self->edges >= PERIOD_EDGES && period < self->period_cycles / DOUBLE_RATIO);
-}
-
+// Whether the period is twice the last one, and the last two agree within an eighth.
 static bool is_missed(const HallSpeed *self, uint32_t period) {
     const uint32_t last = self->period_cycles;
-    if (self->edges < PERIOD_EDGES || self->before_cycles == 0u || last > self->fast_cycles) {
+    if (self->before_cycles == 0u || last > self->fast_cycles) {
         return false;
     }
     const uint32_t change =
         last > self->before_cycles ? last - self->before_cycles : self->before_cycles - last;
-    const uint32_t quarter = last >> 2;
+    const uint32_t quarter = fixed_quarter_u32(last);
     const uint32_t missing =
         2u * last - period;  // time by which the second of two periods falls short
-    return change <= quarter >> 1 &&
-           missing + quarter - 1u < 2u * quarter - 1u;  // the last two agree within an eighth
+    return change <= quarter >> 1 && missing + quarter - 1u < 2u * quarter - 1u;
+}
+
+// Most edges are within half of the last period, which skips the other tests.
+static EdgeKind kind_of(const HallSpeed *self, uint32_t period) {
+    if (self->edges == 0u) {
+        return EDGE_VALID;
+    }
+    if (period < self->least_cycles) {
+        return EDGE_DOUBLE;
+    }
+    if (self->edges < PERIOD_EDGES) {
+        return EDGE_VALID;
+    }
+    const uint32_t half = self->period_cycles >> 1;
+    if (period < half) {
+        return period < half / (DOUBLE_RATIO / 2u) ? EDGE_DOUBLE : EDGE_VALID;
+    }
+    return period - half > self->period_cycles && is_missed(self, period) ? EDGE_MISSED
+                                                                          : EDGE_VALID;
 }
 
 void hall_speed_learn(HallSpeed *self, bool learning) {
@@ -106,8 +126,14 @@ void hall_speed_learn(HallSpeed *self, bool learning) {
 
 // Feeds the search for the index until it is known.
 static void note_period(HallSpeed *self, uint32_t period) {
-    if (!self->spacing.learning && (self->learned || self->index_known || !self->uneven)) {
-        return;
+    if (!self->spacing.learning) {
+        if (self->learned || self->index_known) {
+            return;
+        }
+        if (self->spacing.step == HALL_SPACING_HELD) {  // most edges
+            hall_spacing_pass(&self->spacing);
+            return;
+        }
     }
     self->learned = hall_spacing_period(&self->spacing, period);
     self->spacing.learning = self->spacing.learning && !self->learned;
@@ -121,6 +147,10 @@ bool hall_speed_search_due(const HallSpeed *self) {
 }
 
 CLONE_NEVER void hall_speed_search(HallSpeed *self) {
+    if (hall_spacing_measures(&self->spacing)) {
+        hall_spacing_measure(&self->spacing, self->factor_equal, self->uneven);
+        return;
+    }
     const uint8_t found = hall_spacing_search(&self->spacing, self->share_q15, self->reverse);
     if (found != HALL_SPACING_UNKNOWN) {
         self->index = found;
@@ -131,14 +161,14 @@ CLONE_NEVER void hall_speed_search(HallSpeed *self) {
 static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
     uint32_t period = edge - self->edge_cycles;
     const uint8_t before = self->index;
-    const bool even = is_even(self, period);
-    if (!even && self->edges > 0u && is_double(self, period)) {
+    const EdgeKind kind = kind_of(self, period);
+    if (kind == EDGE_DOUBLE) {
         self->doubled = (uint8_t)(self->doubled + (self->doubled < UINT8_MAX ? 1u : 0u));
         result->doubled = true;
         doubt_index(self);
         return;
     }
-    if (!even && is_missed(self, period)) {
+    if (kind == EDGE_MISSED) {
         self->missed = (uint8_t)(self->missed + (self->missed < UINT8_MAX ? 1u : 0u));
         result->missed = true;
         self->index = pitch_after(self, self->index);
@@ -179,12 +209,13 @@ static void take_edges(HallSpeed *self, HallSpeedResult *result) {
 // last period; with unequal pitches, of which the present one may be shorter, once it exceeds half
 // of the last period.
 static bool may_fall(const HallSpeed *self, uint32_t age) {
-    return age > (self->index_known ? self->period_cycles / 2u : self->period_cycles);
+    return age > (pitch_known(self) ? self->period_cycles / 2u : self->period_cycles);
 }
 
-// Upper bound of the speed: one pitch over the time since the last edge, rounded down.
+// Upper bound of the speed: one pitch over the time since the last edge, rounded down. It holds for
+// unequal pitches once they are measured, after five rounds at constant speed.
 static uint16_t bound_of(const HallSpeed *self, uint32_t age) {
-    return divide_u16(factor_at(self, self->index), age);
+    return divide_u16(factor_ahead(self), age);
 }
 
 // Whether that bound is below the speed of the tick's edge, without a division, so that a tick
@@ -193,7 +224,7 @@ static uint16_t bound_of(const HallSpeed *self, uint32_t age) {
 // per turn) it returns true, so that the speed never exceeds the bound.
 static bool bound_is_less(const HallSpeed *self, uint32_t factor, uint32_t age) {
     const uint32_t bound =
-        (uint32_t)(uint16_t)(factor_at(self, self->index) >> 16) * (uint16_t)self->period_cycles;
+        (uint32_t)(uint16_t)(factor_ahead(self) >> 16) * (uint16_t)self->period_cycles;
     return bound <= (uint32_t)(uint16_t)((factor >> 16) + 1u) * (uint16_t)age;
 }
 
@@ -202,7 +233,7 @@ static uint16_t fresh_speed(const HallSpeed *self, uint32_t age) {
     const uint32_t factor = self->edge_known ? self->edge_factor : self->factor_equal;
     // With equal pitches the bound is always lower: the age exceeds the period.
     const bool falls =
-        may_fall(self, age) && (!self->index_known || bound_is_less(self, factor, age));
+        may_fall(self, age) && (!pitch_known(self) || bound_is_less(self, factor, age));
     return falls ? bound_of(self, age) : speed_of(factor, self->period_cycles);
 }
 

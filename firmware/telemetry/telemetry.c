@@ -74,6 +74,10 @@ bool telemetry_slow_pending(const Telemetry *self) {
            (self->budget + self->budget_per_tick >= BUDGET_MAX && to_be_packed(self));
 }
 
+bool telemetry_sums_dump(const Telemetry *self) {
+    return self->crc_pending;
+}
+
 bool telemetry_health_due(const Telemetry *self) {
     return self->health_pending || self->ms_in_second >= MS_PER_SECOND - 1u;
 }

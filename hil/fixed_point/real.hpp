@@ -11,6 +11,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <string.h>
 
 namespace real {
 
@@ -168,6 +169,22 @@ inline uint32_t fixed_byte_down(uint32_t value) {
 inline uint16_t fixed_sixteenth(uint16_t value) {
     return uint16_t(value >> 4);
 }
+inline int32_t fixed_quarter_i32(int32_t value) {
+    return value >> 2;
+}
+inline uint32_t fixed_quarter_u32(uint32_t value) {
+    return value >> 2;
+}
+inline int32_t fixed_add_product_q8(int32_t value, int16_t by, uint8_t gain) {
+    return value + by * real::Real(gain) * 256;
+}
+inline int16_t fixed_byte_part(int16_t a, uint8_t b) {
+    return a * real::Real(b) / 256;
+}
+
+// A struct of numbers is larger than one of integers.
+#define VGROOVE_CORE_CLEAR_H
+#define CLEAR(self) ((void)memset((self), 0, sizeof *(self)))
 
 // Tables are plain constants.
 #define VGROOVE_CORE_FLASH_H

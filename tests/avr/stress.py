@@ -2,7 +2,8 @@
 abrupt speeds, and commands up to the rate of the line.
 
 `stress.py COUNT FIRST_SEED [BUILD ...]` replays COUNT random tapes of each mode on the simulated
-AVR and prints those with the longest ticks, as the rows of stress_corpus.json.
+AVR and prints those with the longest ticks, as the rows of stress_corpus.json with build and
+cycles.
 """
 
 import json
@@ -186,20 +187,20 @@ def acknowledged(out: bytes) -> int:
 
 
 def corpus() -> list[tuple[str, Stress]]:
-    """(build, tape) of each row of the corpus."""
+    """(build, tape) of each tape of the corpus with each build that has its mode."""
     rows = json.loads(CORPUS.read_text(encoding="utf-8"))
-    keys = ("mode", "seed", "line", "params")
-    return [(row["build"], Stress(**{key: row[key] for key in keys})) for row in rows]
+    tapes = [Stress(**row) for row in rows]
+    return [(name, tape) for tape in tapes for name in BUILDS if BUILDS[name].has(tape.mode)]
 
 
 def longest(mode: str, seeds: range, name: str) -> list[dict]:
-    """The KEPT tapes of a mode with the longest ticks on a build, as rows of the corpus."""
+    """The KEPT tapes of a mode with the longest ticks on a build, and these ticks."""
     build, rows = BUILDS[name], []
     for seed in seeds:
         stress = random_stress(mode, seed)
         elf = ROOT / "build" / build.folder / "vgroove.elf"
         tick = statistics(stress, elf, build.mcu)[0]["tick"]["worst_cycles"]
-        rows.append({"build": name, **asdict(stress), "found_cycles": tick})
+        rows.append({**asdict(stress), "build": name, "found_cycles": tick})
     return sorted(rows, key=lambda row: -row["found_cycles"])[:KEPT]
 
 
@@ -208,7 +209,7 @@ def main() -> None:
     count, first = int(sys.argv[1]), int(sys.argv[2])
     rows = [
         row
-        for name in sys.argv[3:] or ("uno_elf", "drill_elf")
+        for name in sys.argv[3:] or BUILDS
         for mode in MODES
         if BUILDS[name].has(mode)
         for row in longest(mode, range(first, first + count), name)

@@ -197,6 +197,41 @@ TEST_F(HallTest, AnOverflowOfTheRingIsReported) {
     EXPECT_FALSE(last.overflowed);
 }
 
+// A shaft with unequal pitches at constant speed, which then stops: its speed never exceeds the
+// true pitch over the time since the last edge. Some turns at constant speed measure
+// the pitches.
+TEST(HallSpacing, BoundsTheSpeedByTheTruePitchBeforeItIsLearned) {
+    const double share[4] = {9200, 7200, 9000, 7368};
+    for (const double turn : {62000.0, 96000.0, 400000.0, 2000000.0}) {
+        for (int last = 0; last < 4; ++last) {
+            for (const bool learning : {false, true}) {
+                Shaft shaft;
+                hall_speed_learn(&shaft.hall, learning);
+                double at = 1000.0, newest = 0.0;
+                int pitch = 0, edges_left = 120 + last;
+                while (static_cast<double>(shaft.now) < newest + 4.8e6) {
+                    std::vector<uint64_t> edges;
+                    for (; edges_left > 0 && at <= static_cast<double>(shaft.now + 16000);
+                         --edges_left) {
+                        edges.push_back(static_cast<uint64_t>(at));
+                        newest = std::floor(at);
+                        pitch = (pitch + 1) % 4;
+                        at += turn * share[pitch] / 32768.0;
+                    }
+                    shaft.tick(edges);
+                    const double age = static_cast<double>(shaft.now) - newest;
+                    if (edges_left < 40) {
+                        const double bound = 4 * 480e6 * share[pitch] / 32768.0 / age;
+                        ASSERT_LE(shaft.last.rpm_q1, std::min(bound * 1.001, 32767.0))
+                            << turn << " " << last << " " << learning;
+                    }
+                }
+                EXPECT_EQ(shaft.last.rpm_q1, 0);
+            }
+        }
+    }
+}
+
 // Calibration run, then a restart: the learned shares are correct, the index is identified again,
 // and the speed is constant.
 TEST(HallSpacing, IsLearnedAndIdentifiedAgain) {
