@@ -159,7 +159,7 @@ static SlowWork slow_work(App *self) {
 // fold-back, or the computations of a controller at a blow, which last for three ticks. A slow
 // frame that had to wait has priority over slow work in the next tick. Long work, and slow work in
 // a tick with an edge, hold the update of STATE as well; a pending slow frame ends that within two
-// ticks. So does the CRC of a dump.
+// ticks. So does packing a slow frame.
 static void share_tick(App *self) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
@@ -173,7 +173,7 @@ static void share_tick(App *self) {
     self->report.hold_slow = full || work != SLOW_NONE;
     self->report.hold_state = full || work == SLOW_LONG ||
                               (work == SLOW_USUAL && self->hall.new_edges > 0u) ||
-                              (work == SLOW_NONE && telemetry_sums_dump(&self->telemetry));
+                              (work == SLOW_NONE && telemetry_packs(&self->telemetry));
 }
 
 void app_tick(App *self, uint8_t ticks_late) {

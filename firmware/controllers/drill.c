@@ -112,7 +112,7 @@ static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int
     int32_t drop_mv = ((int32_t)in->current_a_q9 * (int16_t)set->motor_mohm) >> 8;
     FIXED_HIDE(drop_mv);
     const int16_t rise_a_q8 = (int16_t)(in->current_a_q9 / 2 - last_a_q9 / 2);
-    const int16_t rise_mv = (int16_t)(((int32_t)rise_a_q8 * INDUCTANCE_MV_Q0) >> 8);
+    const int16_t rise_mv = fixed_byte_part(rise_a_q8, INDUCTANCE_MV_Q0);
     return not_below_0((int32_t)applied_mv - (drop_mv >> 1) - rise_mv);
 }
 
@@ -127,7 +127,7 @@ static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     }
     const int16_t seen_mv = fall_mv > FALL_MAX_MV ? FALL_MAX_MV : fall_mv;
     int16_t beyond_mv =
-        (int16_t)(seen_mv - FALL_MV_PER_MS + (((current_a_q9 >> 6) * MV_PER_A) >> 3));
+        (int16_t)(seen_mv - FALL_MV_PER_MS + ((fixed_byte_part(current_a_q9, 4) * MV_PER_A) >> 3));
     if (self->since_emf > 1u) {
         beyond_mv = (int16_t)(beyond_mv - (int16_t)(self->since_emf - 1u) * FALL_MV_PER_MS);
     } else if (beyond_mv > FALLEN_TICK_MV) {
@@ -185,14 +185,14 @@ static bool clutch_reached(Drill *self) {
     const int32_t apart_a_q9 = level_a_q9 - filtered(self->smooth_a_q17);
     const int16_t short_a_q9 = (int16_t)fixed_clamp_i32(apart_a_q9, INT16_MIN, INT16_MAX);
     const int16_t slope_a_q9 =
-        (int16_t)(self->slow ? short_a_q9 >> 5 : short_a_q9 >> 4);  // rise per tick
+        fixed_byte_part(short_a_q9, self->slow ? 8u : 16u);  // rise per tick: 1/32 or 1/16
     const int32_t now_a_q9 = level_a_q9 + apart_a_q9 + (int16_t)(LEAD_TICKS * slope_a_q9);
     const int16_t now_a_q4 = (int16_t)(now_a_q9 < 0            ? 0
                                        : now_a_q9 > UINT16_MAX ? 2047
                                                                : (uint16_t)now_a_q9 >> 5);
     const int16_t most_a_q9 = slope_a_q9 > RISING_MAX_A_Q9 ? RISING_MAX_A_Q9 : slope_a_q9;
     const int16_t rising_a_q13 =
-        (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // left by 4, right by 16 below: 12
+        (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 * 16);  // left by 4, right by 16 below: 12
     const int16_t swing = (int16_t)(((int32_t)self->emf_mv * rising_a_q13) >> 16);
     self->now_a_q4 = now_a_q4;
     return (int32_t)now_a_q4 * now_a_q4 + (int32_t)swing * SWING_NUMERATOR >= self->set_a2_q8;
@@ -206,7 +206,7 @@ static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
 static int16_t governed(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
     const int16_t load_a_q9 = not_below_0(filtered(self->level_a_q17));
     const int16_t load_a_q4 =
-        (int16_t)(load_a_q9 > CLUTCH_A_Q9_MAX ? CLUTCH_A_Q4_MAX : load_a_q9 >> 5);
+        (int16_t)(load_a_q9 > CLUTCH_A_Q9_MAX ? CLUTCH_A_Q4_MAX : fixed_byte_part(load_a_q9, 8));
     const int16_t drop_mv =
         (int16_t)(((int32_t)(int16_t)(load_a_q4 << 2) * (int16_t)(3u * set->motor_mohm)) >> 8);
     const uint16_t now_mv =

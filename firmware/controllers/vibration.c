@@ -209,7 +209,7 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
         self->least_q15 = divide_by_u16((uint32_t)START_MV << 15, in->supply_mv);
         break;
     case PREPARE_RISE:
-        self->rise_q16 = divide_by_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
+        self->rise_q16 = divide_by_u16((uint32_t)(self->mohm_q7 >> 1) << 16, in->supply_mv);
         break;
     case PREPARE_CLIMB:
         self->climb_turn = climb_turn(self, set);

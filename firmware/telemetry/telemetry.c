@@ -69,13 +69,13 @@ static bool to_be_packed(const Telemetry *self) {
            self->read_index != TELEMETRY_NONE;
 }
 
-bool telemetry_slow_pending(const Telemetry *self) {
-    return self->slow_packed || self->crc_pending ||
+bool telemetry_packs(const Telemetry *self) {
+    return self->crc_pending ||
            (self->budget + self->budget_per_tick >= BUDGET_MAX && to_be_packed(self));
 }
 
-bool telemetry_sums_dump(const Telemetry *self) {
-    return self->crc_pending;
+bool telemetry_slow_pending(const Telemetry *self) {
+    return self->slow_packed || telemetry_packs(self);
 }
 
 bool telemetry_health_due(const Telemetry *self) {

@@ -90,9 +90,9 @@ uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const Telemet
 // Whether a slow frame is pending that the next tick has the budget for.
 bool telemetry_slow_pending(const Telemetry *self);
 
-// Whether the CRC of a parameter dump takes its next parameter in this tick, unless a frame is
-// sent.
-bool telemetry_sums_dump(const Telemetry *self);
+// Whether this tick packs a slow frame, or takes a parameter into the CRC of a dump, unless one is
+// sent that has been packed.
+bool telemetry_packs(const Telemetry *self);
 
 // Whether the next tick may send HEALTH: its inputs must be set only then.
 bool telemetry_health_due(const Telemetry *self);
