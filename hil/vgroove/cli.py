@@ -208,11 +208,15 @@ def record(
             help="Begin with the first frame: for a line without a wire to the board.",
         ),
     ] = False,
+    plot: Annotated[
+        bool, typer.Option("--plot", help="Show the last 10 s as curves on the terminal.")
+    ] = False,
 ) -> None:
     """Record the board's telemetry; Ctrl-C ends it with a complete file."""
     from vgroove.record_command import record_with_progress
+    from vgroove.recorder import Recording
 
-    record_with_progress(port, output, seconds, baud, without_boot)
+    record_with_progress(Recording(port, output, baud, seconds, without_boot), plot)
 
 
 @app.command()

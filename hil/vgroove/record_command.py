@@ -1,31 +1,15 @@
-"""`vgroove record`: the recorder with counters on the terminal, ended by Ctrl-C, a terminate signal
-or a hang-up.
+"""`vgroove record`: the recorder with live values on the terminal, ended by Ctrl-C, a terminate
+signal or a hang-up.
 """
-
-from pathlib import Path
 
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 
+from vgroove.errors import VgrooveError
+from vgroove.live_view import LiveView
 from vgroove.recorder import Recording, record
 from vgroove.signals import stop_on_signals
 from vgroove.terminal import print_line, print_warning
-
-
-def _counters(recording: Recording) -> Table:
-    """One line: file, board time, rows, losses."""
-    counters = recording.session.counters
-    table = Table.grid(padding=(0, 2))
-    colour = "red" if counters.lost + counters.corrupt else "green"
-    losses = f"{counters.lost} lost, {counters.corrupt} corrupt, {counters.skipped_bytes} B skipped"
-    table.add_row(
-        f"[bold]{recording.output.name}[/]",
-        f"{recording.recorded_s:8.1f} s",
-        f"{counters.fast} samples",
-        f"[{colour}]{losses}[/]",
-    )
-    return table
 
 
 def summary(recording: Recording) -> str:
@@ -42,17 +26,27 @@ def summary(recording: Recording) -> str:
     return "\n".join(lines)
 
 
-def record_with_progress(
-    port: str, output: Path, seconds: float | None, baud: int, without_boot: bool = False
-) -> None:
-    """Record with a line of counters on the terminal; VgrooveError as `record` raises it."""
+def record_with_progress(recording: Recording, plot: bool = False) -> None:
+    """Record with live values on the terminal, with `plot` also as curves; VgrooveError as `record`
+    raises it, and for `plot` without a terminal.
+    """
     console = Console(stderr=True)
-    recording = Recording(port, output, baud, seconds, without_boot)
+    if plot and not console.is_terminal:
+        raise VgrooveError(
+            "--plot draws on the terminal, but stderr is a file or a pipe: leave --plot out, or "
+            "run the command in a terminal."
+        )
+    view = LiveView(plot)
     recording.notify = lambda text: print_warning(console, text)
     with stop_on_signals() as stop:
         if console.is_terminal:
+            recording.take_rows = view.add
             with Live(console=console, auto_refresh=False, transient=True) as live:
-                record(recording, stop, lambda now: live.update(_counters(now), refresh=True))
+                record(
+                    recording,
+                    stop,
+                    lambda now: live.update(view.draw(now, console.width), refresh=True),
+                )
         else:
             record(recording, stop)
     print_line(console, summary(recording))

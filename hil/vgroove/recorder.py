@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import can
+import numpy as np
 import serial
 
 from vgroove import telemetry
@@ -72,6 +73,8 @@ class Recording:
     without_boot: bool = False
     program: HostProgram = field(default_factory=HostProgram)
     notify: Callable[[str], None] = lambda _: None  # is called with remarks for the user
+    # is called with each block of rows that is recorded, (n,) by column name with `time_s`
+    take_rows: Callable[[dict[str, np.ndarray]], None] = lambda _: None
     session: telemetry.Session = field(default_factory=telemetry.Session)
     rows: int = 0
     ended: str = ""
@@ -305,7 +308,9 @@ class _Recorder:
             last_frame_at = now if frames else last_frame_at
             if now >= flush_at:
                 flush_at = now + FLUSH_INTERVAL_S
-                file.add_rows(session.take_rows(session.ready_until()))
+                rows = session.take_rows(session.ready_until())
+                file.add_rows(rows)
+                recording.take_rows(rows)
                 recording.rows = file.rows
                 self._show()
             ended = "interrupted" if self.stopped() else _ended(recording, now - last_frame_at)

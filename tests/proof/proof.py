@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from gap_growth import gap_growth
+from real_time import hil, streams
 from rich.console import Console
 from rich.progress import track
 from soak import HOURS, soak
@@ -181,6 +182,10 @@ PROOFS = {
 }
 PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
 PROOFS |= {"soak": lambda folder, jobs: soak(HOURS, folder, jobs, kept)}
+PROOFS |= {
+    "streams": lambda folder, _jobs: streams(folder, kept),
+    "hil": lambda folder, _jobs: hil(folder, kept),
+}
 PROOFS |= {f"control_{part}": partial(control, part) for part in CONTROL_DRAWS}
 PROOFS |= {
     "gap_bench_measured": partial(gap_bench_measured, "report"),
