@@ -221,7 +221,7 @@ def test_step_of_each_controller(
     assert report["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(report["control"])
 
 
-@pytest.mark.parametrize(("case", "target", "tape"), UNO_TAPES)
+@pytest.mark.parametrize(("case", "target", "tape"), ALL_TAPES)
 def test_tick_of_each_controller(
     cost: Callable[..., dict], case: str, target: str, tape: str
 ) -> None:
