@@ -13,7 +13,12 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tests/python"))
 
 from test_lines import received_of  # noqa: E402
-from vgroove.real_time import RealTimeRun, SerialLink, run_in_real_time, timing_figures  # noqa: E402
+from vgroove.real_time import (  # noqa: E402
+    RealTimeRun,
+    SerialLink,
+    run_in_real_time,
+    timing_figures,
+)
 from vgroove.real_time.simulated_board import PacedBoard, real_time_elf  # noqa: E402
 from vgroove.real_time.tool_ticks import ToolTicks  # noqa: E402
 from vgroove.scenario import Scenario  # noqa: E402
