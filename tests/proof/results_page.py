@@ -243,6 +243,68 @@ def firmware(name: str) -> list[str]:
     ]
 
 
+def real_time() -> list[str]:
+    """Runs of `vgroove hil` against a simulated board, and streams of telemetry."""
+    result = read("hil")
+    rows = (
+        (
+            name.replace("_", " "),
+            run["ticks"],
+            run["frames_damaged"],
+            run["sent_again"],
+            f"{run['jitter_ms']['median']:.3f}, {run['jitter_ms']['99 %']:.2f}, "
+            f"{run['jitter_ms']['99.9 %']:.2f}, {run['jitter_ms']['worst']:.1f}",
+            f"{run['latency_ticks']['median']:g}, {run['latency_ticks']['99 %']:g}, "
+            f"{run['latency_ticks']['99.9 %']:g}, {run['latency_ticks']['worst']:g}",
+            run["late_steps"],
+            run["bridge_opened"],
+            run["machine"]["before"]["load_1min"],
+        )
+        for name, run in result["runs"].items()
+    )
+    header = (
+        "run",
+        "ticks of 1 ms",
+        "frames damaged",
+        "sent again",
+        "jitter / ms: median, 99 %, 99.9 %, worst",
+        "latency / ticks: median, 99 %, 99.9 %, worst",
+        "late steps",
+        "bridge opened",
+        "load before",
+    )
+    return [
+        "## Hardware in the loop in real time",
+        "",
+        f"`{result['command']}`, commit {result['commit']}; 60 s each, simulated board behind a "
+        "pseudo-terminal on the same two processors.",
+        "",
+        *table(header, rows),
+        "",
+        *streams(),
+    ]
+
+
+def streams() -> list[str]:
+    """Streams of telemetry over 10 minutes beside a busy process for each processor."""
+    result = read("streams")
+    rows = (
+        (
+            name,
+            run["frames_sent"],
+            run["lost"],
+            f"{run['machine']['before']['load_1min']}, {run['machine']['after']['load_1min']}",
+        )
+        for name, run in result["streams"].items()
+    )
+    return [
+        f"`{result['command']}`, commit {result['commit']}; 10 minutes each, beside a busy process "
+        "for each processor.",
+        "",
+        *table(("stream", "frames sent", "frames lost", "load before, after"), rows),
+    ]
+
+
 def growth() -> list[str]:
     """Exponents of the diagnosis' processor time."""
     result = read("gap_growth")
@@ -469,6 +531,7 @@ def page() -> str:
         firmware("gap_bench_firmware"),
         firmware("gap_bench_firmware_tune"),
         growth(),
+        real_time(),
         speed(),
         trap(),
         *(drawn(name) for name in DRAWN),

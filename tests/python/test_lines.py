@@ -22,6 +22,7 @@ from vgroove.serial_bus import ResyncBus
 from vgroove.telemetry import FRAME_BYTES
 
 HERE = Path(__file__).resolve().parent
+RESULTS = HERE.parents[1] / "docs" / "results"
 RECORD = [sys.executable, "-m", "vgroove.cli", "record"]
 BUSY = "import time\nend = time.monotonic() + {}\nwhile time.monotonic() < end: pass"
 
@@ -150,3 +151,11 @@ def received_of(frames_per_s: int, seconds: float) -> tuple[int, dict[str, int]]
 def test_nothing_is_lost_beside_a_busy_processor(frames_per_s: int) -> None:
     received, line = received_of(frames_per_s, 8.0)
     assert line["bytes_lost"] == 0 and received == line["sent"] == 8 * frames_per_s
+
+
+def test_the_streams_of_ten_minutes_have_lost_nothing() -> None:
+    result = json.loads((RESULTS / "streams.json").read_text("utf-8"))
+    assert result["lost"] == 0 and len(result["streams"]) == 2
+    for stream in result["streams"].values():
+        assert stream["seconds"] == 600.0 and stream["bytes_lost"] == 0
+        assert stream["frames_received"] == stream["frames_sent"] >= 600 * 1316
