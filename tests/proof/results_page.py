@@ -276,8 +276,8 @@ def real_time() -> list[str]:
     return [
         "## Hardware in the loop in real time",
         "",
-        f"`{result['command']}`, commit {result['commit']}; 60 s each, simulated board behind a "
-        "pseudo-terminal on the same two processors.",
+        f"`{result['command']}`, commit {result['commit']}; 60 s each,",
+        "simulated board behind a pseudo-terminal on the same two processors.",
         "",
         *table(header, rows),
         "",
@@ -298,8 +298,8 @@ def streams() -> list[str]:
         for name, run in result["streams"].items()
     )
     return [
-        f"`{result['command']}`, commit {result['commit']}; 10 minutes each, beside a busy process "
-        "for each processor.",
+        f"`{result['command']}`, commit {result['commit']}; 10 minutes each,",
+        "beside a busy process for each processor.",
         "",
         *table(("stream", "frames sent", "frames lost", "load before, after"), rows),
     ]
