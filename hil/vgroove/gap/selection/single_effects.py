@@ -255,7 +255,8 @@ def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     """
     small_gap = search.score(search.retuned) < STARTS.min_squared_gap
     if any(c.role == "cosine" for c in starts[0].coordinates):
-        if small_gap:
+        hammers = search.problem.rig.mechanism["kind"] == "impact"  # no ripple stops its shaft
+        if small_gap or hammers:
             return starts
         return starts + least_costly(search, [start for h in starts for start in large_ripples(h)])
     if small_gap:
