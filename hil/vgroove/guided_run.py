@@ -152,7 +152,7 @@ class GuidedRun(HostProgram):
         following = self._next_phase()
         if following is not self.phase:
             self._enter(following)
-        if self.phase is Phase.DRIVE and self._board.trigger < self._duty_now() - TRIGGER_MARGIN:
+        if self.phase is Phase.DRIVE and self._trigger_limits():
             self.least_trigger = min(self.least_trigger, self._board.trigger)
         return self._mode_request() if self.phase is Phase.PREPARE else self._profile_frame()
 
@@ -166,6 +166,13 @@ class GuidedRun(HostProgram):
 
     def _drives(self) -> bool:
         return self._board is not None and self._board.state == "drive"
+
+    def _trigger_limits(self) -> bool:
+        """Whether a pulled trigger allows less than the commanded duty; a released one ends the
+        run, which a STATE frame may show a tick after the trigger.
+        """
+        pulled, allowed = self._board.contact, self._board.trigger
+        return pulled and 0.0 < allowed < self._duty_now() - TRIGGER_MARGIN
 
     def _mode_and_direction_match(self) -> bool:
         """Whether the board is in mode duty and in the direction of the leg, without faults."""
