@@ -31,7 +31,7 @@ NAMED = {
     [
         pytest.param("groove_friction", marks=pytest.mark.proof),
         pytest.param("winding_resistance", marks=pytest.mark.proof),
-        "current_gain",
+        pytest.param("current_gain", marks=pytest.mark.proof),
     ],
 )
 def test_an_effect_is_named_with_its_size(effect: str) -> None:
@@ -62,7 +62,11 @@ def test_the_corrected_rig_has_the_gap_that_the_verdict_states(tmp_path: Path) -
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     verdict = json.loads((tmp_path / "verdict.json").read_text())
-    assert verdict["selected"] == ["spring_preload"]
+    assert (verdict["verdict"], verdict["selected"]) == ("effect", ["spring_preload"])
+    assert verdict["gap"]["after"] < 1.1 < verdict["gap"]["before"]
+    assert verdict["where"]["subsystem"] == "mechanism"
+    (found,) = [e for e in verdict["effects"] if e["id"] == "spring_preload"]
+    assert found["parameters"]["relative"]["value"] == pytest.approx(0.06, rel=0.06)
     assert {"blow_period_s", "current_a.level", "speed_rpm.shape"} <= set(
         verdict["gap"]["by_signal"]
     )

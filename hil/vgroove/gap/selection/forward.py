@@ -16,6 +16,8 @@ def forward(search: Search) -> tuple[Search, Fit]:
     """The search, rescaled after each step, and the last of a sequence of growing sets of which
     each is better than the one before; the retuned fit where no effect is better.
     """
+    if not search.may_have_gap:
+        return search, search.retuned
     best = best_single(search)
     if not is_visibly_better(search, best):
         pair = grow(search, best)
@@ -42,8 +44,6 @@ def best_single(search: Search) -> Fit:
 
 def is_visibly_better(search: Search, one: Fit) -> bool:
     """Whether a set is better than retuning and closes a visible gap."""
-    if not search.may_have_gap:
-        return False
     return search.is_better(one, search.retuned) and search.closes_visible_gap(one)
 
 
