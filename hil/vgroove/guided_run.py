@@ -16,6 +16,7 @@ All times are the board's: without its telemetry no frame is sent, and the board
 itself.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
@@ -37,6 +38,7 @@ MAX_UNANSWERED = 25
 MODE_INTERVAL_S = 1.0  # between two requests of mode duty
 MAX_TIME_STEP_MS = 1000  # a frame whose time is further ahead of the last one is damaged
 TRIGGER_MARGIN = 0.02  # the trigger limits a commanded duty that exceeds its travel by more
+RELEASE_S = 0.2  # longest time in which a hand releases the trigger
 NO_ANSWER = (
     "the board sends telemetry but has answered no command for half a second: "
     "check the line to its RX pin"
@@ -102,6 +104,8 @@ class GuidedRun(HostProgram):
     unanswered: int = 0  # PROFILE frames since the last answer
     least_trigger: float = 1.0  # smallest trigger travel at which it limited the commanded duty
     max_silence_s = MAX_SILENCE_S
+    # board time and travel at which the trigger limited the duty in the last RELEASE_S
+    _limits: deque[tuple[float, float]] = field(default_factory=deque)
     _board: BoardState | None = None
     _now_ms: int | None = None
     _phase_since_s: float = 0.0
@@ -152,8 +156,8 @@ class GuidedRun(HostProgram):
         following = self._next_phase()
         if following is not self.phase:
             self._enter(following)
-        if self.phase is Phase.DRIVE and self._trigger_limits():
-            self.least_trigger = min(self.least_trigger, self._board.trigger)
+        if self.phase is Phase.DRIVE:
+            self._note_trigger_limit()
         return self._mode_request() if self.phase is Phase.PREPARE else self._profile_frame()
 
     @property
@@ -167,12 +171,14 @@ class GuidedRun(HostProgram):
     def _drives(self) -> bool:
         return self._board is not None and self._board.state == "drive"
 
-    def _trigger_limits(self) -> bool:
-        """Whether a pulled trigger allows less than the commanded duty; a released one ends the
-        run, which a STATE frame may show a tick after the trigger.
+    def _note_trigger_limit(self) -> None:
+        """Update least_trigger, RELEASE_S late: a trigger that is on its way to its rest position
+        also allows less than the commanded duty, but the drive then ends.
         """
-        pulled, allowed = self._board.contact, self._board.trigger
-        return pulled and 0.0 < allowed < self._duty_now() - TRIGGER_MARGIN
+        if self._board.trigger < self._duty_now() - TRIGGER_MARGIN:
+            self._limits.append((self._now_s, self._board.trigger))
+        while self._limits and self._limits[0][0] <= self._now_s - RELEASE_S:
+            self.least_trigger = min(self.least_trigger, self._limits.popleft()[1])
 
     def _mode_and_direction_match(self) -> bool:
         """Whether the board is in mode duty and in the direction of the leg, without faults."""

@@ -244,7 +244,9 @@ def firmware(name: str) -> list[str]:
 
 
 def real_time() -> list[str]:
-    """Runs of `vgroove hil` against a simulated board, and streams of telemetry."""
+    """Tables of the real-time runs of `vgroove hil` with a simulated board, and of the
+    telemetry frames received in 10 minutes.
+    """
     result = read("hil")
     rows = (
         (
@@ -286,7 +288,9 @@ def real_time() -> list[str]:
 
 
 def streams() -> list[str]:
-    """Streams of telemetry over 10 minutes beside a busy process for each processor."""
+    """Table of the telemetry frames received in 10 minutes while each processor is also busy with
+    another process.
+    """
     result = read("streams")
     rows = (
         (

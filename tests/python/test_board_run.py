@@ -125,10 +125,13 @@ def test_the_trigger_limits_the_run_and_the_log_has_the_driven_duty() -> None:
     )
 
 
+@pytest.mark.parametrize("released_in_ms", [0, 30, 80])
 @pytest.mark.parametrize("offset_ms", range(0, 40, 6))
-def test_a_released_trigger_ends_the_run_and_is_not_told_as_its_limit(offset_ms: int) -> None:
+def test_a_released_trigger_ends_the_run_and_is_not_told_as_its_limit(
+    offset_ms: int, released_in_ms: int
+) -> None:
     line, at = Line("staircase"), PRESSED_S + 2.5 + offset_ms / 1000
-    performed(line, travel=(*HELD, (at, 1.0), (at, 0.0)))
+    performed(line, travel=(*HELD, (at, 1.0), (at + released_in_ms / 1000, 0.0)))
     assert "the trigger was released" in line.run.ended
     assert not any("the trigger limited the run" in remark for remark in line.run.remarks())
 

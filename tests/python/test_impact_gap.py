@@ -26,14 +26,8 @@ NAMED = {
 }
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [
-        pytest.param("groove_friction", marks=pytest.mark.proof),
-        pytest.param("winding_resistance", marks=pytest.mark.proof),
-        pytest.param("current_gain", marks=pytest.mark.proof),
-    ],
-)
+@pytest.mark.proof
+@pytest.mark.parametrize("effect", NAMED)
 def test_an_effect_is_named_with_its_size(effect: str) -> None:
     rig, levels = impact_rig(), ramp(0.9, SECONDS)
     verdict = diagnose([plant_log(rig, NAMED[effect], 7, levels)], rig)
