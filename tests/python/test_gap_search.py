@@ -203,6 +203,12 @@ class Stepped:
     excess_power = search_state.Search.excess_power
 
 
+def test_no_set_is_selected_where_no_column_shows_a_gap() -> None:
+    state = Stepped([9.0, 4.0, 2.0], {1: True, 2: True})
+    state.may_have_gap = False
+    assert forward.forward(state) == (state, state.retuned)
+
+
 # Squared gaps of the sets of 0, 1, 2, ... effects; whether the second step is significant; how
 # many effects are found. The smallest visible gap is 1.21. Two further effects are tried if the set
 # leaves more than a tenth of what it closes (form errors) and if they close the larger part of it.
