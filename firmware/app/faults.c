@@ -10,6 +10,10 @@
 #define UNDER_VOLTAGE_MS 10u
 #define OVER_TEMPERATURE_MS 100u
 #define STALL_COMPARE_MIN 16  // 6 % duty: below it a shaft at rest is not a stall
+#define FROZEN_TICKS 32u
+#define FROZEN_RPM_Q1 500  // 250 rpm
+#define OPEN_MS 50u
+#define OPEN_MAX_A_Q9 1536  // 3 A: 24 counts, beyond drift and noise of a sensor zeroed at start
 
 // Consecutive ticks in which a condition held, saturating at `limit`.
 static uint8_t held_for(bool holds, uint8_t ticks, uint8_t limit) {
@@ -64,6 +68,35 @@ static void count_conditions(Faults *self, const Measurement *m, const FaultLimi
         held_for(m->temperature_lost || m->trigger_lost, self->sensor_lost_ms, OVER_TEMPERATURE_MS);
 }
 
+// Whether the current has kept its value in FROZEN_TICKS ticks with an edge in a drive, while the
+// speed has changed by more than an eighth: at a constant load both may be constant.
+static bool find_frozen_current(Faults *self, const Measurement *m, const FaultsDrive *drive) {
+    if (drive->compare == H_BRIDGE_COAST || m->current_a_q9 != self->frozen_a_q9) {
+        self->frozen_a_q9 = m->current_a_q9;
+        self->frozen_rpm_q1 = m->speed_rpm_q1;
+        self->frozen_ticks = 0;
+        return false;
+    }
+    if (!drive->new_edge) {
+        return false;
+    }
+    if (self->frozen_ticks < FROZEN_TICKS) {
+        self->frozen_ticks++;
+        return false;
+    }
+    const int16_t change = (int16_t)(magnitude(m->speed_rpm_q1) - magnitude(self->frozen_rpm_q1));
+    return magnitude(change) > (int16_t)(magnitude(self->frozen_rpm_q1) >> 3) + FROZEN_RPM_Q1;
+}
+
+static bool find_current_of_open_bridge(Faults *self, const Measurement *m, int16_t compare) {
+    if (compare != H_BRIDGE_COAST || magnitude(m->current_a_q9) <= OPEN_MAX_A_Q9) {
+        self->open_current_ms = 0;
+        return false;
+    }
+    self->open_current_ms = held_for(true, self->open_current_ms, OPEN_MS);
+    return self->open_current_ms == OPEN_MS;
+}
+
 static uint8_t bit_if(bool holds, uint8_t bit) {
     return holds ? bit : 0u;
 }
@@ -78,6 +111,10 @@ void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits,
         bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
     active |= bit_if(self->sensor_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible,
                      TELEMETRY_FAULTS_SENSOR_LOST);
+    if (find_frozen_current(self, m, drive) ||
+        find_current_of_open_bridge(self, m, drive->compare)) {
+        active |= TELEMETRY_FAULTS_SENSOR_LOST;
+    }
     active |= bit_if(m->adc.lost, TELEMETRY_FAULTS_ADC_CADENCE);
     active |= bit_if(self->overrun, TELEMETRY_FAULTS_OVERRUN);
     self->overrun = false;

@@ -5,7 +5,9 @@
 // | under_voltage    | bus voltage below the limit for 10 ms                                     |
 // | stall            | duty of 6 % or more, no edge for the stall time, current as at rest       |
 // | sensor_lost      | the same with the current of a turning shaft; temperature or current      |
-// |                  | sensor out of range; trigger at more than half with an open contact       |
+// |                  | sensor out of range; trigger at more than half with an open contact; the  |
+// |                  | same current in 32 driven ticks with an edge while the speed changes by   |
+// |                  | an eighth; more than 3 A for 50 ms through an open bridge                 |
 // | over_temperature | bridge above the limit for 100 ms                                         |
 // | adc_cadence      | the ring holds more or fewer samples than were scheduled for the tick     |
 // | overrun          | a tick began more than two ticks late                                     |
@@ -39,6 +41,10 @@ typedef struct {
     uint16_t no_edge_ms;       // driven without an edge; ticks with an open bridge or a low duty
                                // do not count and do not reset it
     uint8_t settled_ms;        // since the bridge was last open, up to FAULTS_SETTLED_MS
+    int16_t frozen_a_q9;       // current that has not changed in frozen_ticks
+    int16_t frozen_rpm_q1;     // speed when it last changed
+    uint8_t frozen_ticks;      // driven, with an edge
+    uint8_t open_current_ms;   // with a current through an open bridge
     bool current_implausible;  // offset at rest out of range
     bool overrun;
 } Faults;

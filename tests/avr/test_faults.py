@@ -33,9 +33,9 @@ LIMITS: dict[str, tuple[float | None, str]] = {
     "pot_open": (None, "sensor_lost"),
     "contact_bounce": (None, ""),
     "line_errors": (None, ""),
-    "current_stuck": (None, ""),
-    "current_offset": (None, ""),
-    "adc_reference": (None, ""),
+    "current_stuck": (None, "sensor_lost"),
+    "current_offset": (None, "sensor_lost"),
+    "adc_reference": (None, "sensor_lost"),
 }
 
 

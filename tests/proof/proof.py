@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from gap_growth import gap_growth
+from plausibility import FAULTY_RUNS, RUNS, plausibility
 from real_time import hil, streams
 from rich.console import Console
 from rich.progress import track
@@ -182,6 +183,7 @@ PROOFS = {
 }
 PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
 PROOFS |= {"soak": lambda folder, jobs: soak(HOURS, folder, jobs, kept)}
+PROOFS |= {"plausibility": lambda _folder, jobs: plausibility(RUNS, FAULTY_RUNS, jobs)}
 PROOFS |= {
     "streams": lambda folder, _jobs: streams(folder, kept),
     "hil": lambda folder, _jobs: hil(folder, kept),

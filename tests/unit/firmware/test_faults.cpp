@@ -95,8 +95,49 @@ TEST_F(FaultsTest, NoStallBelowSixPercentNorWithEdgesNorCoasting) {
     m.current_a_q9 = 45 * 512;
     EXPECT_EQ(ticks_to(0xFF, 15), -1);
     EXPECT_EQ(ticks_to(0xFF, 255, 2000, true), -1);
+    m.current_a_q9 = 0;
     EXPECT_EQ(ticks_to(0xFF, H_BRIDGE_COAST), -1);
+    m.current_a_q9 = 45 * 512;
     EXPECT_EQ(ticks_to(0xFF, 16), 501);
+}
+
+TEST_F(FaultsTest, ACurrentThatStaysWhileTheSpeedChangesIsALostSensor) {
+    m.current_a_q9 = 20 * 512;
+    m.speed_rpm_q1 = 2 * 8000;
+    EXPECT_EQ(ticks_to(0xFF, 128, 500, true), -1) << "a constant load";
+    m.speed_rpm_q1 = 2 * 9240;  // 8000, an eighth and 250 less 10
+    EXPECT_EQ(ticks_to(0xFF, 128, 500, true), -1);
+    m.speed_rpm_q1 = 2 * 9260;
+    tick(128, false);
+    EXPECT_EQ(faults.latched, 0) << "without an edge the speed only ages";
+    tick(128, true);
+    EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_SENSOR_LOST);
+}
+
+TEST_F(FaultsTest, ACurrentThatChangesOnceIn32TicksIsPlausible) {
+    for (int k = 0; k < 2000; ++k) {
+        m.current_a_q9 = static_cast<int16_t>(20 * 512 + (k % 31 == 0 ? 1 : 0));
+        m.speed_rpm_q1 = static_cast<int16_t>(k % 40 < 20 ? 4000 : 20000);
+        tick(128, true);
+    }
+    EXPECT_EQ(faults.latched, 0);
+}
+
+TEST_F(FaultsTest, ACurrentThroughAnOpenBridgeIsALostSensor) {
+    for (const int sign : {-1, 1}) {
+        faults = Faults{};
+        m.current_a_q9 = static_cast<int16_t>(sign * 3 * 512);
+        EXPECT_EQ(ticks_to(0xFF, H_BRIDGE_COAST), -1);
+        m.current_a_q9 = static_cast<int16_t>(sign * (3 * 512 + 2));
+        EXPECT_EQ(ticks_to(0xFF, 0, 200, true), -1) << "a bridge that brakes";
+        EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_SENSOR_LOST, H_BRIDGE_COAST), 50);
+        faults_clear(&faults);
+        EXPECT_NE(faults.latched, 0) << "it stays until the current is plausible";
+        m.current_a_q9 = 0;
+        tick(H_BRIDGE_COAST);
+        faults_clear(&faults);
+        EXPECT_EQ(faults.latched, 0);
+    }
 }
 
 // A shaft at rest under a controller's pulses: the stall time accumulates over the pauses, and the
