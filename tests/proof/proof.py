@@ -14,7 +14,7 @@ from pathlib import Path
 
 from gap_growth import gap_growth
 from plausibility import FAULTY_RUNS, RUNS, plausibility
-from real_time import hil, streams
+from real_time import hil, serial_readers, streams
 from rich.console import Console
 from rich.progress import track
 from soak import HOURS, soak
@@ -185,6 +185,7 @@ PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
 PROOFS |= {"soak": lambda folder, jobs: soak(HOURS, folder, jobs, kept)}
 PROOFS |= {"plausibility": lambda _folder, jobs: plausibility(RUNS, FAULTY_RUNS, jobs)}
 PROOFS |= {
+    "serial_readers": lambda _folder, _jobs: serial_readers(),
     "streams": lambda folder, _jobs: streams(folder, kept),
     "hil": lambda folder, _jobs: hil(folder, kept),
 }

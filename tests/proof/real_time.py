@@ -3,11 +3,18 @@ exchange of `vgroove hil` with a simulated board. Each result holds the load of 
 """
 
 import os
+import resource
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import can
+import serial
+from can.interfaces.serial.serial_can import SerialBus
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tests/python"))
@@ -22,11 +29,14 @@ from vgroove.real_time import (  # noqa: E402
 from vgroove.real_time.simulated_board import PacedBoard, real_time_elf  # noqa: E402
 from vgroove.real_time.tool_ticks import ToolTicks  # noqa: E402
 from vgroove.scenario import Scenario  # noqa: E402
+from vgroove.serial_bus import ResyncBus  # noqa: E402
 from vgroove.study.fixed_point import drill_scenario, impact_scenario  # noqa: E402
 
 Kept = Callable[[Path, str, Callable[[], dict[str, Any]]], dict[str, Any]]
 STREAM_S = 600.0
 STREAMS = {"250 kBd": 1316, "1 MBd": 5263}  # frames of 19 bytes a second
+READERS: dict[str, type[can.BusABC]] = {"python-can": SerialBus, "vgroove": ResyncBus}
+READER_S = 20.0
 HIL_S = 60.0
 MAX_JITTER_S, MAX_LATENCY_TICKS = 0.2e-3, 2  # what the design demands: median, worst
 KICKBACK_NM = 40.0
@@ -59,6 +69,53 @@ def streams(folder: Path, kept: Kept) -> dict[str, Any]:
         for name, rate in STREAMS.items()
     }
     return {"streams": rows, "lost": sum(row["lost"] for row in rows.values())}
+
+
+def received_one_by_one(bus: can.BusABC) -> int:
+    """Messages that a bus receives until the line hangs up."""
+    received = 0
+    with suppress(can.CanOperationError, serial.SerialException):
+        while True:
+            received += bus.recv(timeout=0.1) is not None
+    bus.shutdown()
+    return received
+
+
+def reader(kind: str, rate: int) -> dict[str, Any]:
+    """A stream through one of READERS, message by message: messages received, and the processor
+    time that reading took for each, in us.
+    """
+    used = {}
+
+    def receive(port: str) -> int:
+        bus = READERS[kind](port, baudrate=1_000_000, timeout=0.05)
+        begin, children = time.process_time(), resource.getrusage(resource.RUSAGE_CHILDREN)
+        received = received_one_by_one(bus)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        used["s"] = time.process_time() - begin + after.ru_utime - children.ru_utime
+        used["s"] += after.ru_stime - children.ru_stime
+        return received
+
+    received, line = received_of(rate, READER_S, receive)
+    return {
+        "frames_sent": line["sent"],
+        "frames_received": received,
+        "us_of_processor_each": round(1e6 * used["s"] / max(received, 1), 1),
+    }
+
+
+def serial_readers() -> dict[str, Any]:
+    """python-can's serial bus and this project's on the same streams, and the ratio of processor
+    times.
+    """
+    rows = {
+        name: {kind: reader(kind, rate) for kind in READERS} for name, rate in STREAMS.items()
+    }
+    theirs, ours = (
+        [row[kind]["us_of_processor_each"] for row in rows.values()] for kind in READERS
+    )
+    ratios = [round(a / b, 2) for a, b in zip(theirs, ours, strict=True)]
+    return {"seconds": READER_S, "readers": rows, "ratio_of_processor_time": ratios}
 
 
 def repeated(scenario: Scenario, pulls: tuple[tuple[float, float], ...]) -> Scenario:

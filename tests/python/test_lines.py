@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -131,20 +131,31 @@ def busy_processors(seconds: float) -> Iterator[None]:
             process.wait()
 
 
-def received_of(frames_per_s: int, seconds: float) -> tuple[int, dict[str, int]]:
-    """Frames that the reader gets of a stream beside busy processors, and what the writer lost."""
+def received_of(
+    frames_per_s: int, seconds: float, receive: Callable[[str], int] | None = None
+) -> tuple[int, dict[str, int]]:
+    """Frames that a reader gets of a stream beside busy processors, and what the writer lost.
+    receive: the reader, from the port to the number of frames until the line hangs up; this
+    project's bus if absent.
+    """
     command = [sys.executable, str(HERE / "line_writer.py"), str(frames_per_s), str(seconds)]
     writer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert writer.stdout is not None
     port = writer.stdout.readline().strip()
     with busy_processors(seconds + 30.0):
-        bus, received = ResyncBus(port, baudrate=1_000_000), 0
-        with suppress(can.CanOperationError):  # the writer has ended and hung up
-            while True:
-                received += len(bus.read_frames())
-                time.sleep(0.02)  # a consumer that decodes and writes in blocks
-        bus.shutdown()
+        received = (receive or received_in_blocks)(port)
     return received, json.loads(writer.stdout.readline())
+
+
+def received_in_blocks(port: str) -> int:
+    """Frames that this project's bus gives to a program that decodes and writes in blocks."""
+    bus, received = ResyncBus(port, baudrate=1_000_000), 0
+    with suppress(can.CanOperationError):  # the writer has ended and hung up
+        while True:
+            received += len(bus.read_frames())
+            time.sleep(0.02)
+    bus.shutdown()
+    return received
 
 
 @pytest.mark.parametrize("frames_per_s", [1316, 5263], ids=["250 kBd", "1 MBd"])
