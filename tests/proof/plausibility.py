@@ -1,4 +1,4 @@
-"""False trips and detection of a wrong current sensor (firmware/app/faults.c) on the native firmware:
+"""False trips and detection of a wrong current sensor (firmware/app/faults.c), native firmware:
 drawn runs of every controller with a drawn tool, without a fault and with each fault of a sensor.
 plausibility.py [--runs N] [--faulty N] [--jobs N]
 """

@@ -108,9 +108,7 @@ def serial_readers() -> dict[str, Any]:
     """python-can's serial bus and this project's on the same streams, and the ratio of processor
     times.
     """
-    rows = {
-        name: {kind: reader(kind, rate) for kind in READERS} for name, rate in STREAMS.items()
-    }
+    rows = {name: {kind: reader(kind, rate) for kind in READERS} for name, rate in STREAMS.items()}
     theirs, ours = (
         [row[kind]["us_of_processor_each"] for row in rows.values()] for kind in READERS
     )

@@ -284,6 +284,8 @@ def real_time() -> list[str]:
         *table(header, rows),
         "",
         *streams(),
+        "",
+        *serial_readers(),
     ]
 
 
@@ -306,6 +308,54 @@ def streams() -> list[str]:
         "beside a busy process for each processor.",
         "",
         *table(("stream", "frames sent", "frames lost", "load before, after"), rows),
+    ]
+
+
+def serial_readers() -> list[str]:
+    """Table of python-can's serial bus and this project's on the same streams."""
+    result = read("serial_readers")
+    rows = (
+        (stream, reader, row["frames_sent"], row["frames_received"], row["us_of_processor_each"])
+        for stream, readers in result["readers"].items()
+        for reader, row in readers.items()
+    )
+    header = ("stream", "bus", "frames sent", "received", "processor time a frame / us")
+    return [
+        f"`{result['command']}`, commit {result['commit']}; {result['seconds']:g} s each beside",
+        "a busy process for each processor, taken message by message with `recv`: python-can's",
+        "serial bus and this project's.",
+        "",
+        *table(header, rows),
+    ]
+
+
+def plausibility() -> list[str]:
+    """Table of the faults of the current's measurement in drawn runs."""
+    result = read("plausibility")
+    rows = (
+        (
+            name.replace("_", " "),
+            run["runs"],
+            run["named_in_drive_or_after"],
+            run["ended"],
+            run["median_ms"],
+            run["worst_ms"],
+        )
+        for name, run in result.items()
+        if "named_in_drive_or_after" in run
+    )
+    header = ("fault", "runs", "named", "ended the drive", "median / ms", "worst / ms")
+    sound = result["without_fault"]
+    return [
+        "## Current sensor: false trips and detection",
+        "",
+        f"`{result['command']}`, commit {result['commit']}: drawn runs of every controller with a",
+        "drawn tool. Without a fault, with further pulls of the trigger, both release modes, and a",
+        f"third of the runs without noise: {sound['false_trips']} of {sound['runs']} name",
+        "`sensor_lost`. A fault begins in the drive; what it does not end is named after the",
+        "release:",
+        "",
+        *table(header, rows),
     ]
 
 
@@ -536,6 +586,7 @@ def page() -> str:
         firmware("gap_bench_firmware_tune"),
         growth(),
         real_time(),
+        plausibility(),
         speed(),
         trap(),
         *(drawn(name) for name in DRAWN),

@@ -32,6 +32,7 @@ struct Tool {
     long pitches = 0;
     double friction = 0.012;  // N m
     bool locked = false, hall_works = true;
+    double read_added_a = 0;  // by which the current sensor is off
 
     void period(const SimOutputs &o, SimInputs *in) {
         in->edge_count = 0;
@@ -103,7 +104,7 @@ struct RunTest : testing::Test {
         for (const double end = now_s + seconds; now_s < end; now_s += PERIOD_S) {
             tool.period(out, &in);
             const double duty = out.coast != 0 ? 0.0 : out.compare / 255.0;
-            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.i / 0.125);
+            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + (tool.i + tool.read_added_a) / 0.125);
             in.adc_counts[SIM_ADC_BUS] = counts((tool.vs - tool.rs * duty * tool.i) / 0.025);
             sim_period(&in, &out);
             in.rx_count = 0;
@@ -358,6 +359,30 @@ TEST_F(RunTest, ABrokenPotentiometerIsAFaultAndDoesNotDrive) {
     EXPECT_EQ(state(), TELEMETRY_STATE_FAULT);
 }
 
+TEST_F(RunTest, ACurrentSensorThatGoesOffRefusesTheNextDrive) {
+    start(SIM_START_DEFAULT);
+    run(0.5);
+    press(1.0);
+    run(0.3);
+    tool.read_added_a = -8.0;
+    run(0.3);
+    EXPECT_EQ(faults(), 0) << "nothing in the drive contradicts it";
+    EXPECT_EQ(out.coast, 0);
+    press(0.0);
+    run(0.5);
+    EXPECT_EQ(faults(), TELEMETRY_FAULTS_SENSOR_LOST);
+    press(1.0);
+    run(0.3);
+    EXPECT_NE(out.coast, 0);
+    press(0.0);
+    tool.read_added_a = 0.0;
+    run(0.5);
+    EXPECT_EQ(faults(), 0);
+    press(1.0);
+    run(0.3);
+    EXPECT_EQ(out.coast, 0) << "the sensor works again";
+}
+
 TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
     run(0.5);
     press(0.6);
@@ -473,7 +498,8 @@ TEST_F(RunTest, TelemetryDoesNotDependOnLatency) {
             press(k > 20000 && k < 50000 ? 0.8 : 0.0);
             if (tape.size() <= static_cast<size_t>(k)) {
                 tool.period(out, &in);
-                in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.i / 0.125);
+                in.adc_counts[SIM_ADC_CURRENT] =
+                    counts(512.0 + (tool.i + tool.read_added_a) / 0.125);
                 in.adc_counts[SIM_ADC_BUS] = counts(18.5 / 0.025);
                 tape.push_back(in);
             }
@@ -496,7 +522,7 @@ TEST_F(RunTest, ResetStartsFromANewState) {
         for (long k = 0; k < 20000; ++k) {
             press(k > 12000 ? 0.5 : 0.0);
             tool.period(out, &in);
-            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.i / 0.125);
+            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + (tool.i + tool.read_added_a) / 0.125);
             in.adc_counts[SIM_ADC_BUS] = 740;
             sim_period(&in, &out);
             sent.insert(sent.end(), out.tx, out.tx + out.tx_count);
