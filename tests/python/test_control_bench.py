@@ -743,6 +743,7 @@ def test_fifth_of_blow_detection(fifth: Any) -> None:
         )
 
 
+@pytest.mark.proof
 def test_fifth_of_precise_screwing(fifth: Any) -> None:
     found, plain = summary(fifth("screwing"), "screwing"), summary(fifth("screwing"), "without")
     assert found["size"] == plain["size"] == "all"
@@ -753,6 +754,7 @@ def test_fifth_of_precise_screwing(fifth: Any) -> None:
     assert found["rate_change_soft"] <= -0.32 and found["time_ratio"] <= 2.6 and found["early"] <= 2
 
 
+@pytest.mark.proof
 def test_fifth_of_torque_control(fifth: Any) -> None:
     plain = summary(fifth("torque"), torque.FIXED_COUNT)
     found = summary(fifth("torque"), "torque")
