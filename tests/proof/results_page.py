@@ -359,6 +359,29 @@ def plausibility() -> list[str]:
     ]
 
 
+def soak() -> list[str]:
+    """The long run of the ELF files against the native firmware."""
+    result = read("soak")
+    rows = (
+        ("simulated hours", f"{result['hours']:.1f}"),
+        ("pieces of a minute", result["pieces"]),
+        ("of them across 2^32 ms", result["passing_2_32_ms"]),
+        ("share of time driven", f"{result['driven_share']:.2f}"),
+        ("least stack never used / bytes", result["least_stack_free_bytes"]),
+        ("findings", len(result["findings"])),
+    )
+    return [
+        "## Ten hours of the ELF against the native firmware",
+        "",
+        f"`{result['command']}`, commit {result['commit']}; a finding is a difference, a gap in",
+        "the telemetry, a reset, or a stack that was used up ([bench](bench.md)).",
+        "",
+        *table(("", "value"), rows),
+        *([""] if result["findings"] else []),
+        *(f"- {text}" for text in result["findings"]),
+    ]
+
+
 def growth() -> list[str]:
     """Exponents of the diagnosis' processor time."""
     result = read("gap_growth")
@@ -587,6 +610,7 @@ def page() -> str:
         growth(),
         real_time(),
         plausibility(),
+        soak(),
         speed(),
         trap(),
         *(drawn(name) for name in DRAWN),
