@@ -13,7 +13,9 @@
 #define FROZEN_TICKS 32u
 #define FROZEN_RPM_Q1 500  // 250 rpm
 #define OPEN_MS 50u
-#define OPEN_MAX_A_Q9 1536  // 3 A: 24 counts, beyond drift and noise of a sensor zeroed at start
+// 3 A, 24 counts of the converter: more than the sensor's drift since its calibration at the start,
+// and its noise.
+#define OPEN_MAX_A_Q9 1536
 
 // Consecutive ticks in which a condition held, saturating at `limit`.
 static uint8_t held_for(bool holds, uint8_t ticks, uint8_t limit) {

@@ -41,9 +41,9 @@ typedef struct {
     uint16_t no_edge_ms;       // driven without an edge; ticks with an open bridge or a low duty
                                // do not count and do not reset it
     uint8_t settled_ms;        // since the bridge was last open, up to FAULTS_SETTLED_MS
-    int16_t frozen_a_q9;       // current that has not changed in frozen_ticks
-    int16_t frozen_rpm_q1;     // speed when it last changed
-    uint8_t frozen_ticks;      // driven, with an edge
+    int16_t frozen_a_q9;       // current that is compared with the next tick's
+    int16_t frozen_rpm_q1;     // speed when the current last changed
+    uint8_t frozen_ticks;      // driven ticks with an edge since the current last changed
     uint8_t open_current_ms;   // with a current through an open bridge
     bool current_implausible;  // offset at rest out of range
     bool overrun;

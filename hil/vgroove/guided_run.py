@@ -172,8 +172,9 @@ class GuidedRun(HostProgram):
         return self._board is not None and self._board.state == "drive"
 
     def _note_trigger_limit(self) -> None:
-        """Update least_trigger, RELEASE_S late: a trigger that is on its way to its rest position
-        also allows less than the commanded duty, but the drive then ends.
+        """Record a trigger travel below the commanded duty in least_trigger once the drive has gone
+        on for RELEASE_S: a hand that releases the trigger passes such travels too, and then the
+        drive ends.
         """
         if self._board.trigger < self._duty_now() - TRIGGER_MARGIN:
             self._limits.append((self._now_s, self._board.trigger))

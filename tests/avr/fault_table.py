@@ -78,15 +78,18 @@ def outcome(name: str, mode: int, draw: int) -> Outcome:
         tool = make_plant(scenario.tool, scenario.seed)
         sent = lockstep.run(faulty, tool, scenario.profile, scenario.duration_s, options)
     release_s = RELEASE_S[mode == DRILL] + late_s
-    return _judged((name, mode), (at_s, release_s), faulty.commands, named_faults(sent, at_s))
+    return judged((name, mode), (at_s, release_s), faulty.commands, named_faults(sent, at_s))
 
 
-def _judged(
+def judged(
     run: tuple[str, int],
     times_s: tuple[float, float],
     commands: list[int | None],
     named: tuple[str, ...],
 ) -> Outcome:
+    """Outcome of a run of (fault, mode). times_s: of the fault and of the release of the trigger;
+    commands: compare value of each PWM period, None for an open bridge.
+    """
     at_s, release_s = times_s
     driven = np.array([command is not None for command in commands])
     time_s = np.arange(len(driven)) * PERIOD_S

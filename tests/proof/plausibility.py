@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from vgroove import lockstep
-from vgroove.board import PERIOD_S
 from vgroove.faults import FAULTS, FaultyBoard, Injection
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.scenario import Command, Scenario, command_messages, make_plant
@@ -27,7 +26,7 @@ from vgroove.telemetry import parameter_list
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "avr"))
 
-from fault_table import MIN_STOPPED_S, RELEASE_S, named_faults  # noqa: E402
+from fault_table import RELEASE_S, judged, named_faults  # noqa: E402
 
 RUNS, FAULTY_RUNS = 600, 120
 SENSOR_FAULTS = ("current_stuck", "current_offset", "adc_reference")
@@ -46,7 +45,9 @@ JAMS_NM = (15.0, 40.0)  # of the drill driver in low gear, beside loads of 0 to 
 
 @dataclass(frozen=True)
 class Run:
-    """A run: its number, and the fault, empty for none."""
+    """A drawn run. number: mode, tool and scenario are drawn from it; fault: name of the injected
+    fault, empty without one.
+    """
 
     number: int
     fault: str = ""
@@ -87,8 +88,8 @@ def drawn_scenario(number: int) -> tuple[int, Scenario]:
 
 
 def used_by_hand(scenario: Scenario, number: int) -> Scenario:
-    """The scenario with a drawn release mode, further pulls of the trigger while the shaft still
-    turns, and noise in some runs only.
+    """The scenario with a drawn release mode, up to three further pulls of the trigger soon after
+    the release, and sensors without noise in a share QUIET_SHARE of the runs.
     """
     rng = np.random.default_rng([20261127, number])
     travel, now = list(scenario.profile.travel), scenario.profile.travel[-1][0]
@@ -130,19 +131,14 @@ def outcome(run: Run) -> dict[str, Any]:
     sent = lockstep.run(board, tool, scenario.profile, scenario.duration_s, options)
     row = {"number": run.number, "mode": MODES[mode], "named": named_faults(sent, at_s)}
     if run.fault:
-        driven = np.flatnonzero([command is not None for command in board.commands]) * PERIOD_S
-        release_s = RELEASE_S[mode == DRILL]
-        last_s = float(driven[driven < release_s].max(initial=0.0))
-        stopped = last_s < release_s - MIN_STOPPED_S
-        row |= {
-            "ended_ms": round(1e3 * (last_s - at_s), 1) if stopped else None,
-            "ended_before": stopped and last_s < at_s,
-        }
+        times_s = at_s, RELEASE_S[mode == DRILL]
+        found = judged((run.fault, mode), times_s, board.commands, row["named"])
+        row |= {"ended_ms": found.opened_ms, "ended_before": found.ended_before}
     return row
 
 
 def without_fault(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Number of runs, of each named fault, and of those that name NAMED."""
+    """Of runs without a fault: how many name each fault, and which name NAMED, the false trips."""
     rows = list(rows)
     named = Counter(name for row in rows for name in row["named"])
     false = [row["number"] for row in rows if NAMED in row["named"]]
@@ -150,7 +146,9 @@ def without_fault(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
 
 
 def with_fault(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """How many drives the fault has ended, when, and how many name it in the end."""
+    """Of runs with a fault: how many drives it ended before the release of the trigger, after what
+    time in ms, which modes drove on, and in how many runs the telemetry names NAMED.
+    """
     mine = [row for row in rows if not row["ended_before"]]
     ended = [row["ended_ms"] for row in mine if row["ended_ms"] is not None]
     goes_on = [row for row in mine if row["ended_ms"] is None]
@@ -158,14 +156,16 @@ def with_fault(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
         "runs": len(mine),
         "ended": len(ended),
         "median_ms": round(float(np.median(ended)), 1) if ended else None,
-        "worst_ms": max(ended, default=None),
+        "worst_ms": round(max(ended), 1) if ended else None,
         "goes_on": dict(Counter(row["mode"] for row in goes_on)),
         "named_in_drive_or_after": sum(NAMED in row["named"] for row in mine),
     }
 
 
 def plausibility(runs: int, faulty: int, jobs: int) -> dict[str, Any]:
-    """All runs; the native firmware exists once in a process."""
+    """Figures of all runs, without a fault and with each fault. They are spread over processes: the
+    native firmware has one state in a process.
+    """
     with ProcessPoolExecutor(jobs) as pool:
         of = partial(pool.map, outcome, chunksize=4)
         found: dict[str, Any] = {

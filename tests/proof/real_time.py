@@ -82,8 +82,8 @@ def received_one_by_one(bus: can.BusABC) -> int:
 
 
 def reader(kind: str, rate: int) -> dict[str, Any]:
-    """A stream through one of READERS, message by message: messages received, and the processor
-    time that reading took for each, in us.
+    """Frames sent and received of a stream that a bus of READERS reads with recv(), and the
+    processor time of the reading processes per frame in us. rate: frames per s.
     """
     used = {}
 
@@ -105,8 +105,8 @@ def reader(kind: str, rate: int) -> dict[str, Any]:
 
 
 def serial_readers() -> dict[str, Any]:
-    """python-can's serial bus and this project's on the same streams, and the ratio of processor
-    times.
+    """Both READERS on each of STREAMS, and the processor time of python-can's bus divided by that
+    of this project's, one ratio a stream.
     """
     rows = {name: {kind: reader(kind, rate) for kind in READERS} for name, rate in STREAMS.items()}
     theirs, ours = (

@@ -244,8 +244,8 @@ def firmware(name: str) -> list[str]:
 
 
 def real_time() -> list[str]:
-    """Tables of the real-time runs of `vgroove hil` with a simulated board, and of the
-    telemetry frames received in 10 minutes.
+    """Tables of the runs of `vgroove hil` with a simulated board in real time, of the telemetry
+    frames received in 10 minutes, and of the serial buses.
     """
     result = read("hil")
     rows = (
@@ -312,7 +312,9 @@ def streams() -> list[str]:
 
 
 def serial_readers() -> list[str]:
-    """Table of python-can's serial bus and this project's on the same streams."""
+    """Table of frames received and processor time per frame: python-can's serial bus and this
+    project's.
+    """
     result = read("serial_readers")
     rows = (
         (stream, reader, row["frames_sent"], row["frames_received"], row["us_of_processor_each"])
@@ -330,7 +332,7 @@ def serial_readers() -> list[str]:
 
 
 def plausibility() -> list[str]:
-    """Table of the faults of the current's measurement in drawn runs."""
+    """Table of how often, and how fast, drawn runs detect a wrong current sensor."""
     result = read("plausibility")
     rows = (
         (
@@ -360,7 +362,9 @@ def plausibility() -> list[str]:
 
 
 def soak() -> list[str]:
-    """The long run of the ELF files against the native firmware."""
+    """Table of the ten simulated hours in which the ELF files were compared with the native
+    firmware.
+    """
     result = read("soak")
     rows = (
         ("simulated hours", f"{result['hours']:.1f}"),

@@ -148,7 +148,7 @@ def received_of(
 
 
 def received_in_blocks(port: str) -> int:
-    """Frames that this project's bus gives to a program that decodes and writes in blocks."""
+    """Number of frames from a ResyncBus whose program fetches what has arrived every 20 ms."""
     bus, received = ResyncBus(port, baudrate=1_000_000), 0
     with suppress(can.CanOperationError):  # the writer has ended and hung up
         while True:

@@ -105,7 +105,7 @@ TEST_F(FaultsTest, ACurrentThatStaysWhileTheSpeedChangesIsALostSensor) {
     m.current_a_q9 = 20 * 512;
     m.speed_rpm_q1 = 2 * 8000;
     EXPECT_EQ(ticks_to(0xFF, 128, 500, true), -1) << "a constant load";
-    m.speed_rpm_q1 = 2 * 9240;  // 8000, an eighth and 250 less 10
+    m.speed_rpm_q1 = 2 * 9240;  // the limit is 8000 + 8000 / 8 + 250 = 9250
     EXPECT_EQ(ticks_to(0xFF, 128, 500, true), -1);
     m.speed_rpm_q1 = 2 * 9260;
     tick(128, false);

@@ -32,7 +32,9 @@ struct Tool {
     long pitches = 0;
     double friction = 0.012;  // N m
     bool locked = false, hall_works = true;
-    double read_added_a = 0;  // by which the current sensor is off
+    double sensor_error_a = 0;  // added to the current that the sensor reports
+
+    double reported_a() const { return i + sensor_error_a; }
 
     void period(const SimOutputs &o, SimInputs *in) {
         in->edge_count = 0;
@@ -104,7 +106,7 @@ struct RunTest : testing::Test {
         for (const double end = now_s + seconds; now_s < end; now_s += PERIOD_S) {
             tool.period(out, &in);
             const double duty = out.coast != 0 ? 0.0 : out.compare / 255.0;
-            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + (tool.i + tool.read_added_a) / 0.125);
+            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.reported_a() / 0.125);
             in.adc_counts[SIM_ADC_BUS] = counts((tool.vs - tool.rs * duty * tool.i) / 0.025);
             sim_period(&in, &out);
             in.rx_count = 0;
@@ -364,7 +366,7 @@ TEST_F(RunTest, ACurrentSensorThatGoesOffRefusesTheNextDrive) {
     run(0.5);
     press(1.0);
     run(0.3);
-    tool.read_added_a = -8.0;
+    tool.sensor_error_a = -8.0;
     run(0.3);
     EXPECT_EQ(faults(), 0) << "nothing in the drive contradicts it";
     EXPECT_EQ(out.coast, 0);
@@ -375,7 +377,7 @@ TEST_F(RunTest, ACurrentSensorThatGoesOffRefusesTheNextDrive) {
     run(0.3);
     EXPECT_NE(out.coast, 0);
     press(0.0);
-    tool.read_added_a = 0.0;
+    tool.sensor_error_a = 0.0;
     run(0.5);
     EXPECT_EQ(faults(), 0);
     press(1.0);
@@ -498,8 +500,7 @@ TEST_F(RunTest, TelemetryDoesNotDependOnLatency) {
             press(k > 20000 && k < 50000 ? 0.8 : 0.0);
             if (tape.size() <= static_cast<size_t>(k)) {
                 tool.period(out, &in);
-                in.adc_counts[SIM_ADC_CURRENT] =
-                    counts(512.0 + (tool.i + tool.read_added_a) / 0.125);
+                in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.reported_a() / 0.125);
                 in.adc_counts[SIM_ADC_BUS] = counts(18.5 / 0.025);
                 tape.push_back(in);
             }
@@ -522,7 +523,7 @@ TEST_F(RunTest, ResetStartsFromANewState) {
         for (long k = 0; k < 20000; ++k) {
             press(k > 12000 ? 0.5 : 0.0);
             tool.period(out, &in);
-            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + (tool.i + tool.read_added_a) / 0.125);
+            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.reported_a() / 0.125);
             in.adc_counts[SIM_ADC_BUS] = 740;
             sim_period(&in, &out);
             sent.insert(sent.end(), out.tx, out.tx + out.tx_count);
