@@ -51,11 +51,29 @@ public:
         return (in_.time_s[row] - in_.time_s[row - 1]) * row_scale_;
     }
 
+    // Number of the last row before whose end no command acts.
+    std::size_t rows_without_command() const {
+        const std::size_t last = in_.time_s.size() - 1;
+        std::size_t zero = 0;
+        while (zero < last && is_zero(zero) && is_zero(zero + 1))
+            ++zero;
+        if (!shifted_)
+            return zero;
+        std::size_t row = 0;
+        while (row < last && command_time_s(row_end_s(row + 1)) <= in_.time_s[zero])
+            ++row;
+        return row;
+    }
+
+    double row_end_s(std::size_t row) const {  // since the first row
+        return (in_.time_s[row] - in_.time_s[0]) * row_scale_;
+    }
+
     // The stretch that begins now_s after the first row, with left_s to the end of the row.
     Stretch next(std::size_t row, double now_s, double left_s) {
         if (!shifted_)
             return of_row(row, 0.0, 1.0 / row_scale_, left_s);
-        const double at = in_.time_s[0] + (now_s - delay_s_) * command_scale_;
+        const double at = command_time_s(now_s);
         const std::size_t last = in_.time_s.size() - 1;
         while (row_ < last &&
                in_.time_s[row_] - at <= 1e-9 * (in_.time_s[row_ + 1] - in_.time_s[row_]))
@@ -72,6 +90,14 @@ public:
     }
 
 private:
+    bool is_zero(std::size_t row) const {
+        return in_.command_start[row] == 0.0 && in_.command_end[row] == 0.0;
+    }
+
+    double command_time_s(double now_s) const {  // in the time of the column
+        return in_.time_s[0] + (now_s - delay_s_) * command_scale_;
+    }
+
     Stretch of_row(std::size_t row, double from, double scale, double length_s) const {
         const double start = in_.command_start[row], end = in_.command_end[row];
         const double rate =
@@ -285,6 +311,30 @@ template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
         impact_truncate(run.solver);
 }
 
+// Whether nothing moves or is charged without command and load.
+template <class L> static bool stays_at_rest(const ImpactSolver<L> &s) {
+    ImpactState<L> ds{};
+    impact_derivative<L>(s.model, s.drive, s.mode, 0.0, s.state, ds);
+    ds.x[STATE_BUS_TIME] = 0.0;  // the voltage may be there
+    return std::all_of(ds.x, ds.x + L::COUNT, [](double slope) { return slope == 0.0; });
+}
+
+// Writes the rows before the first command, which are as row 0, and returns the last one. What is
+// recorded from step to step needs the steps.
+template <class L>
+static std::size_t write_rest(LogRun<L> &run, const ImpactOutput &out, std::size_t at) {
+    ImpactSolver<L> &s = run.solver;
+    const bool steps_needed = run.tracer.out || s.history || out.keep_energy;
+    if (steps_needed || run.in.load_kind == LoadKind::TORQUE || !run.in.bus_v.empty() ||
+        !stays_at_rest(s))
+        return 0;
+    const std::size_t last = run.reader.rows_without_command();
+    for (double *column : out.columns)
+        std::fill(column + at + 1, column + at + 1 + last, column[at]);
+    run.now_s = s.drive.time_s = run.reader.row_end_s(last);
+    return last;
+}
+
 struct ImpactJob {
     const LogInput *in;
     const double *theta;
@@ -324,13 +374,16 @@ static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &
     LogRun<L> run(in, parameters_from(job.theta + batch_row * PARAMETER_COUNT));
     prepare(run, job, batch_row, model);
     const std::size_t rows = in.time_s.size();
-    for (std::size_t row = 0; row < rows; ++row) {
-        if (row > 0)
-            run_row(run, row);
+    const auto write = [&](std::size_t row) {
         write_row(run, row, out, batch_row * rows + row);
         if constexpr (L::AUDIT)
             if (batch_row == 0 && out.keep_energy)
                 write_energy(run.solver, out.energy.data() + row * ENERGY_COUNT);
+    };
+    write(0);
+    for (std::size_t row = write_rest(run, out, batch_row * rows) + 1; row < rows; ++row) {
+        run_row(run, row);
+        write(row);
     }
     ImpactSolver<L> &s = run.solver;
     impact_truncate(s);

@@ -71,6 +71,41 @@ def test_blows_and_current_of_the_reference_set(
     assert spread < 1e-3
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"mechanism__hammer_start_rad": 0.0},
+        {"effects__transport_delay__delay_s": 0.0123},
+        {"effects__clock_skew__relative": 0.01, "effects__clock_skew__command_clock": 1.0},
+        {"effects__clock_skew__relative": -0.01},
+        {"effects__speed_lag__time_constant_s": 0.004, "effects__speed_lag__delay_form": 1.0},
+        {"effects__cold_grease__nm_s_per_rad": 2e-5, "effects__cold_grease__time_s": 0.5},
+    ],
+)
+@pytest.mark.parametrize("rest", [0, 1, 37, 200, 399])
+def test_rows_before_the_first_command_are_those_of_steps(
+    rest: int, values: dict[str, float]
+) -> None:
+    time_s = 0.3 + np.arange(400) * 1e-3
+    duty = np.where(np.arange(400) > rest, 0.9, 0.0)
+    log = core.LogInput(time_s, "duty", duty, load_kind="locked")
+    theta = rig_with(LOCKED).parameters()
+    for name, value in values.items():
+        theta[core.PARAMETERS.index(name.replace("__", "."))] = value
+    skipped, stepped = (
+        core.simulate_impact(log, theta[None], mode="fast", history=history)
+        for history in (False, True)
+    )
+    assert skipped["statistics"][0]["steps"] <= stepped["statistics"][0]["steps"]
+    for name in ("current_a", "supply_v", "speed_measured_rad_s", "angle_rad", "hammer_mm"):
+        scale = np.ptp(stepped[name])
+        assert skipped[name] == pytest.approx(stepped[name], abs=2e-3 * scale + 1e-9), name
+    assert len(skipped["blows"][0]) == len(stepped["blows"][0])
+    late_s = skipped["blows"][0]["time_s"] - stepped["blows"][0]["time_s"]
+    assert np.abs(late_s).max(initial=0.0) < 1e-4
+
+
 def test_peaks_and_travel_on_the_locked_joint() -> None:
     out = run(rig_with(LOCKED))
     late = settled(out)[3]
