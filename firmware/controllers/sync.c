@@ -30,7 +30,7 @@
 #define SETTLE_BLOWS 16u  // after it, until the mean deviation is that of the new level
 
 // Computations that alternate from tick to tick.
-typedef enum { TURN_FOLLOW, TURN_TRIM, TURN_LEVEL, TURN_APPROACH } Turn;
+typedef enum { TURN_FOLLOW, TURN_LEVEL, TURN_APPROACH } Turn;
 
 void sync_start(Sync *self, const SyncSetpoints *set) {
     (void)set;
@@ -168,17 +168,19 @@ static void engage(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     set_level(self, set, travel_q15);
 }
 
-// One computation per tick, none while the blow detection computes.
+// One computation per tick, none while the blow detection computes; a blow comes first, so that the
+// state changes in the tick after it.
 static void take_turn(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
                       const Blow *blow) {
+    if (self->blow_pending) {
+        trim(self, set, blow);
+        self->blow_pending = false;
+        self->turn = TURN_LEVEL;
+        return;
+    }
     switch ((Turn)self->turn) {
     case TURN_FOLLOW:
         follow(self, in);
-        self->turn = self->blow_pending ? TURN_TRIM : TURN_LEVEL;
-        break;
-    case TURN_TRIM:
-        trim(self, set, blow);
-        self->blow_pending = false;
         self->turn = TURN_LEVEL;
         break;
     case TURN_LEVEL:

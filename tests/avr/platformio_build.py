@@ -88,13 +88,19 @@ def _unflagged(flags: list[str], removed: list[str]) -> list[str]:
     return [flag for flag in flags if flag not in removed]
 
 
+def _own_or_common(
+    own: configparser.SectionProxy, common: configparser.SectionProxy, name: str
+) -> list[str]:
+    """Options of an environment, which may refer to those of all environments."""
+    return own.get(name, common[name]).replace(f"${{env.{name}}}", common[name]).split()
+
+
 def commands(environment: str, build: Path) -> Commands:
     """Commands of an environment of platformio.ini, with `build` as its build folder."""
     parser = configparser.ConfigParser(interpolation=None)
     parser.read_string((ROOT / "platformio.ini").read_text())
     common, own = parser["env"], parser[f"env:{environment}"]
-    own_flags = own.get("build_flags", "${env.build_flags}")
-    flags = own_flags.replace("${env.build_flags}", common["build_flags"]).split()
+    flags = _own_or_common(own, common, "build_flags")
     mcu = f"-mmcu={MCUS[own['board']]}"
     env = Environment(
         {
@@ -109,7 +115,7 @@ def commands(environment: str, build: Path) -> Commands:
         exec(  # noqa: S102  as SCons does
             compile(path.read_text(), str(path), "exec"), {"Import": lambda _: None, "env": env}
         )
-    parsed, removed = _parsed(flags), common["build_unflags"].split()
+    parsed, removed = _parsed(flags), _own_or_common(own, common, "build_unflags")
     clock = f"-DF_CPU={common['board_build.f_cpu']}"
     env.Append(CCFLAGS=[*BARE_COMPILE, mcu, clock, *parsed["CCFLAGS"]])
     env.Append(LINKFLAGS=[*BARE_LINK, mcu, *parsed["LINKFLAGS"]])

@@ -129,35 +129,58 @@ def with_deviations(run: ImpactRun, deviation: np.ndarray) -> ImpactRun:
 def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     """Start angles (B,) in rad from which parameter sets (B, P) follow the run-up best."""
     limit, steps = free_angle(theta[0]), search_steps(theta[0])
-    tried = np.tile(start_angles(theta[0], STARTS.first), (len(theta), 1))
-    start = _best_of(run, theta, tried, run.search_weights[0])
+    first = np.tile(start_angles(theta[0], STARTS.first), (len(theta), 1))
+    found = _Starts(first, _residuals_from(run, theta, first)).best(run.search_weights[0])
     for step, weight in zip(steps[1:], run.search_weights[1:], strict=True):
-        tried = start[:, None] + np.array([-step, 0.0, step])
-        start = _best_of(run, theta, np.clip(tried, -limit, 0.0), weight)
-    for _ in range(STARTS.rounds):
-        change = np.clip(_step(run, theta, start), -steps[-1], steps[-1])
-        start = np.clip(start + change, -limit, 0.0)
-    return start
+        beside = np.clip(found.start_rad + np.array([-step, step]), -limit, 0.0)
+        tried = _Starts(beside, _residuals_from(run, theta, beside))
+        found = found.joined(tried).best(weight)
+    start, at = found.start_rad, found.residual
+    for round_ in range(STARTS.rounds):
+        at = at if round_ == 0 else _residuals_from(run, theta, start)
+        moved = _residuals_from(run, theta, start + STARTS.difference_rad)
+        change = np.clip(_step(at[:, 0], moved[:, 0]), -steps[-1], steps[-1])
+        start = np.clip(start + change[:, None], -limit, 0.0)
+    return start[:, 0]
 
 
-def _best_of(
-    run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray, weight: np.ndarray
-) -> np.ndarray:
-    """Of the start angles (B, K) in rad of each parameter set (B, P) the best one (B,), under
-    weights (m,) of the residuals.
-    """
+@dataclass(frozen=True)
+class _Starts:
+    """Start angles (B, K) in rad of B parameter sets, and the residuals (B, K, m) of the run-up."""
+
+    start_rad: np.ndarray
+    residual: np.ndarray
+
+    def joined(self, other: "_Starts") -> "_Starts":
+        """The angles of both."""
+        return _Starts(
+            np.concatenate([self.start_rad, other.start_rad], axis=1),
+            np.concatenate([self.residual, other.residual], axis=1),
+        )
+
+    def best(self, weight: np.ndarray) -> "_Starts":
+        """Of each parameter set the angle (B, 1) that follows the run-up best, under weights (m,)
+        of the residuals.
+        """
+        at = np.argmin(_misfit(self.residual * weight), axis=1)[:, None]
+        return _Starts(
+            np.take_along_axis(self.start_rad, at, axis=1),
+            np.take_along_axis(self.residual, at[..., None], axis=1),
+        )
+
+
+def _residuals_from(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> np.ndarray:
+    """Residuals (B, K, m) of the run-up of parameter sets (B, P) from start angles (B, K) in rad."""
     tried = with_starts(np.repeat(theta, start_rad.shape[1], axis=0), start_rad.ravel())
-    misfit = _misfit(run_up_residuals(run, tried) * weight).reshape(start_rad.shape)
-    return np.take_along_axis(start_rad, np.argmin(misfit, axis=1)[:, None], axis=1)[:, 0]
+    return run_up_residuals(run, tried).reshape(*start_rad.shape, -1)
 
 
-def _step(run: ImpactRun, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Gauss-Newton step (B,) in rad under Huber's loss."""
-    both = np.concatenate([start, start + STARTS.difference_rad])
-    pair = with_starts(np.concatenate([theta, theta]), both)
-    rows = np.nan_to_num(run_up_residuals(run, pair))
-    at, moved = rows.reshape(2, len(theta), -1)
-    slope = (moved - at) / STARTS.difference_rad
+def _step(at: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Gauss-Newton step (B,) in rad under Huber's loss, from residuals (B, m) at the start angles
+    and from those moved by difference_rad.
+    """
+    at = np.nan_to_num(at)
+    slope = (np.nan_to_num(moved) - at) / STARTS.difference_rad
     weight = 1.0 / np.maximum(np.abs(at) / HUBER_SIGMAS, 1.0)
     power = np.maximum((weight * slope**2).sum(axis=1), np.finfo(float).tiny)
     return -(weight * slope * at).sum(axis=1) / power
