@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 
+import pytest
 import rules
 
 FIRMWARE = rules.ROOT / "firmware"
@@ -22,13 +23,22 @@ def ini(text: str | None = None) -> configparser.ConfigParser:
     return parser
 
 
-def flags_of_platformio(parser: configparser.ConfigParser) -> set[str]:
-    return set(parser["env"]["build_flags"].split()) - NOT_OF_CMAKE
+def flags_of_platformio(parser: configparser.ConfigParser, name: str) -> set[str]:
+    """Options of an environment without the tool's number."""
+    own, common = parser[f"env:{name}"]["build_flags"], parser["env"]["build_flags"]
+    flags = set(own.replace("${env.build_flags}", common).split()) - NOT_OF_CMAKE
+    return {flag for flag in flags if not flag.startswith("-DVGROOVE_TOOL=")}
 
 
-def flags_of_cmake() -> set[str]:
+def flags_of_cmake(board: str) -> set[str]:
     avr, root = (FIRMWARE / "avr.cmake").read_text(), (rules.ROOT / "CMakeLists.txt").read_text()
-    flags = set(re.search(r"set\(avr_flags ([^)]*)\)", avr)[1].split())
+    levels = re.search(
+        r'if\(VGROOVE_MCU STREQUAL "atmega2560"\).*\n\s*set\(optimisation ([^)]*)\)'
+        r"\nelse\(\)\n\s*set\(optimisation ([^)]*)\)",
+        avr,
+    )
+    flags = set(re.search(r"set\(avr_flags ([^)]*)\)", avr)[1].split()) - {"${optimisation}"}
+    flags |= set(levels[1 if board == "megaatmega2560" else 2].split())
     flags |= set(re.findall(r"-Wl,--(?:gc-sections|sort-section=alignment)", avr))
     warnings = re.search(
         r"target_compile_options\(vgroove_warnings INTERFACE(.*?)\)\n", root, re.DOTALL
@@ -66,8 +76,9 @@ def sources_of_platformio(
     return {path.relative_to(root).as_posix() for path in found}
 
 
-def test_flags_are_those_of_cmake() -> None:
-    assert flags_of_platformio(ini()) == flags_of_cmake()
+@pytest.mark.parametrize("name", BOARDS)
+def test_flags_are_those_of_cmake(name: str) -> None:
+    assert flags_of_platformio(ini(), name) == flags_of_cmake(BOARDS[name])
 
 
 def test_sources_are_those_of_cmake() -> None:
@@ -103,11 +114,9 @@ def test_tools_are_those_of_the_presets() -> None:
     }
     assert tools == {"avr-uno": None, "avr-uno-drill": "drill", "avr-mega": None}
     parser = ini()
-    flags = {name: parser[f"env:{name}"]["build_flags"].split() for name in BOARDS}
-    assert flags == {
-        name: ["${env.build_flags}", f"-DVGROOVE_TOOL={number}"]
-        for name, number in {"uno": 1, "uno_drill": 2, "mega": 3}.items()
-    }
+    for name, number in {"uno": 1, "uno_drill": 2, "mega": 3}.items():
+        common, *_, tool = parser[f"env:{name}"]["build_flags"].split()
+        assert (common, tool) == ("${env.build_flags}", f"-DVGROOVE_TOOL={number}")
 
 
 def test_the_files_for_speed_come_from_cmake() -> None:
@@ -128,6 +137,9 @@ def test_the_files_for_speed_come_from_cmake() -> None:
 
 def test_a_difference_is_seen() -> None:
     text = (rules.ROOT / "platformio.ini").read_text()
-    assert flags_of_platformio(ini(text.replace("-Wshadow ", ""))) != flags_of_cmake()
-    assert flags_of_platformio(ini(text.replace("-Os", "-O2"))) != flags_of_cmake()
+    for name, board in BOARDS.items():
+        for old, new in (("-Wshadow ", ""), ("-Os", "-O2"), ("-O3", "-O2")):
+            changed = old in flags_of_cmake(board) or old.endswith(" ")
+            found = flags_of_platformio(ini(text.replace(old, new)), name)
+            assert (found != flags_of_cmake(board)) == changed
     assert sources_of_platformio(ini(text.replace("+<drivers/> ", ""))) != sources_of_cmake()

@@ -170,7 +170,7 @@ class _Starts:
 
 
 def _residuals_from(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> np.ndarray:
-    """Residuals (B, K, m) of the run-up of parameter sets (B, P) from start angles (B, K) in rad."""
+    """Residuals (B, K, m) of the run-up of parameter sets (B, P) from angles (B, K) in rad."""
     tried = with_starts(np.repeat(theta, start_rad.shape[1], axis=0), start_rad.ravel())
     return run_up_residuals(run, tried).reshape(*start_rad.shape, -1)
 
