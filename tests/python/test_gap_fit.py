@@ -97,6 +97,7 @@ def test_a_number_without_information_in_a_folds_rows_keeps_the_step_of_all_rows
     assert apart[0][0] == pytest.approx(-noise[engine.problem.folds[0][0]].mean(), abs=0.01)
 
 
+@pytest.mark.proof
 def test_intervals_cover_the_true_value() -> None:
     inside = 0
     for seed in range(40):

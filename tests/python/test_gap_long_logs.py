@@ -172,6 +172,7 @@ def test_a_reduced_log_is_judged_in_its_stretches_alone() -> None:
     assert problem.gap(problem.residuals(true)[0]) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.proof
 def test_a_long_log_gets_the_name_of_its_beginning() -> None:
     made = long_drive(300.0)
     log = Log(made.time_s, made.columns, "made")

@@ -39,12 +39,14 @@ def test_an_effect_is_named_with_its_size(effect: str) -> None:
     assert verdict.where.subsystem == verdict.effect(effect).subsystem
 
 
+@pytest.mark.proof
 def test_a_log_of_another_start_angle_is_no_gap() -> None:
     rig = impact_rig(load__slip_slope_nm_per_rad=120.0, supply__voltage_v=17.4)
     verdict = diagnose([plant_log(rig, {}, 23, ramp(0.8, SECONDS))], rig)
     assert (verdict.verdict, list(verdict.selected)) == ("none", [])
 
 
+@pytest.mark.proof  # in `make test` the demo's corrected rig
 def test_the_corrected_rig_has_the_gap_that_the_verdict_states(tmp_path: Path) -> None:
     rig = impact_rig()
     log = plant_log(rig, {"spring_preload.relative": 0.06}, 3, ramp(0.9, SECONDS))

@@ -52,7 +52,9 @@ class RunUp:
     def means(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Means (B, C, M) of columns (B, rows)."""
         place = self.first[:, None] + np.arange(self.rows)
-        return np.stack([columns[c][:, place].mean(axis=2) for c in self.columns], axis=1)
+        # contiguous spans: the order of a sum must not depend on the number of sets
+        spans = [np.take(columns[c], place, axis=1) for c in self.columns]
+        return np.stack([span.mean(axis=2) for span in spans], axis=1)
 
     def sigma(self, means: np.ndarray, noise: Mapping[str, float]) -> np.ndarray:
         """Standard deviations (C, M) of a log's means (C, M); infinite for a speed from edges that
