@@ -37,8 +37,8 @@ if(VGROOVE_INJECT)
 endif()
 list(SORT target_sources)
 add_executable(vgroove ${target_sources})
-# On the Uno code of interrupts is compiled for speed, the rest for size; rarely executed code with
-# fewer inlined functions, which makes it smaller.
+# Interrupts and fold-back are compiled for speed also on the Uno, whose other code is compiled for
+# size; rarely executed code with fewer inlined functions, which makes it smaller.
 set_source_files_properties(hal/avr/isr.c controllers/foldback.c drivers/adc_sequence.c core/ring.c
   PROPERTIES COMPILE_OPTIONS -O2)
 set_source_files_properties(app/calibrate.c app/configure.c app/execute.c app/param_command.c

@@ -3,13 +3,34 @@ in the background, and SIGHUP, which nohup disables; the tests of a file run on 
 its fixtures are made once; tests marked `proof` run with --proof alone.
 """
 
+import json
 import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+@pytest.fixture
+def simulated_gap(tmp_path: Path) -> Callable[[Path, Path], float]:
+    """`vgroove sim` of a rig along a log, as a user runs it: (rig, log) -> gap in standard
+    deviations.
+    """
+
+    def run(rig: Path, log: Path) -> float:
+        out = tmp_path / "simulated_gap.json"
+        command = [sys.executable, "-m", "vgroove.cli", "sim", rig, "--log", log, "--json", out]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return json.loads(out.read_text())["gap"]
+
+    return run
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

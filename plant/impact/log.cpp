@@ -51,8 +51,8 @@ public:
         return (in_.time_s[row] - in_.time_s[row - 1]) * row_scale_;
     }
 
-    // Number of the last row before whose end no command acts.
-    std::size_t rows_without_command() const {
+    // Index of the last row until whose end the command at the bridge is zero; 0 for none.
+    std::size_t last_row_without_command() const {
         const std::size_t last = in_.time_s.size() - 1;
         std::size_t zero = 0;
         while (zero < last && is_zero(zero) && is_zero(zero + 1))
@@ -311,16 +311,17 @@ template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
         impact_truncate(run.solver);
 }
 
-// Whether nothing moves or is charged without command and load.
+// Whether all states of a tool that is neither driven nor loaded stay as they are.
 template <class L> static bool stays_at_rest(const ImpactSolver<L> &s) {
     ImpactState<L> ds{};
     impact_derivative<L>(s.model, s.drive, s.mode, 0.0, s.state, ds);
-    ds.x[STATE_BUS_TIME] = 0.0;  // the voltage may be there
+    ds.x[STATE_BUS_TIME] = 0.0;  // integral of the bus voltage, which is there at rest too
     return std::all_of(ds.x, ds.x + L::COUNT, [](double slope) { return slope == 0.0; });
 }
 
-// Writes the rows before the first command, which are as row 0, and returns the last one. What is
-// recorded from step to step needs the steps.
+// Fills the rows before the first command with the values of row 0, without a simulation, and
+// returns the index of the last of them: 0 where a load torque, a measured bus voltage or a record
+// of the steps requires the simulation.
 template <class L>
 static std::size_t write_rest(LogRun<L> &run, const ImpactOutput &out, std::size_t at) {
     ImpactSolver<L> &s = run.solver;
@@ -328,7 +329,7 @@ static std::size_t write_rest(LogRun<L> &run, const ImpactOutput &out, std::size
     if (steps_needed || run.in.load_kind == LoadKind::TORQUE || !run.in.bus_v.empty() ||
         !stays_at_rest(s))
         return 0;
-    const std::size_t last = run.reader.rows_without_command();
+    const std::size_t last = run.reader.last_row_without_command();
     for (double *column : out.columns)
         std::fill(column + at + 1, column + at + 1 + last, column[at]);
     run.now_s = s.drive.time_s = run.reader.row_end_s(last);

@@ -91,7 +91,9 @@ def _unflagged(flags: list[str], removed: list[str]) -> list[str]:
 def _own_or_common(
     own: configparser.SectionProxy, common: configparser.SectionProxy, name: str
 ) -> list[str]:
-    """Options of an environment, which may refer to those of all environments."""
+    """The value of the key `name` of an environment as a list of options. Its own value may contain
+    ${env.NAME}, the value that is common to all environments; without its own it has that.
+    """
     return own.get(name, common[name]).replace(f"${{env.{name}}}", common[name]).split()
 
 

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ import demo  # noqa: E402
 
 from vgroove.board import default_elf  # noqa: E402
 
+SIM_RELATIVE = {"drive": 0.01, "impact": 0.02}  # of `vgroove sim` against the verdict
 EFFECT = {
     "label": "effect",
     "ids": ["bridge_resistance"],
@@ -45,7 +47,9 @@ def test_a_tool_without_a_catalogued_effect_needs_the_verdict_of_its_kind(label:
 
 
 @pytest.mark.parametrize("tool", ["impact", pytest.param("drive", marks=pytest.mark.proof)])
-def test_demo_names_the_sealed_effect(tool: str, tmp_path: Path) -> None:
+def test_demo_names_the_sealed_effect(
+    tool: str, tmp_path: Path, simulated_gap: Callable[[Path, Path], float]
+) -> None:
     elf = Path(os.environ.get("VGROOVE_ELF", default_elf("uno")))
     if not elf.is_file():
         pytest.skip(f"no firmware at {elf}: make build")
@@ -76,9 +80,6 @@ def test_demo_names_the_sealed_effect(tool: str, tmp_path: Path) -> None:
     assert (tmp_path / "report.html").is_file()
     stated = json.loads((tmp_path / "verdict.json").read_text())["gap"]
     rigs = {"before": HERE / demo.TOOLS[tool][0], "refit": tmp_path / "rig_corrected.toml"}
-    sim = [sys.executable, "-m", "vgroove.cli", "sim", "--log", "run.csv", "--json", "sim.json"]
     for figure, rig in rigs.items():
-        done = subprocess.run([*sim, str(rig)], cwd=tmp_path, capture_output=True, check=False)
-        assert done.returncode == 0, done.stderr
-        found = json.loads((tmp_path / "sim.json").read_text())["gap"]
-        assert found == pytest.approx(stated[figure], rel=0.02), figure
+        found = simulated_gap(rig, tmp_path / "run.csv")
+        assert found == pytest.approx(stated[figure], rel=SIM_RELATIVE[tool]), figure

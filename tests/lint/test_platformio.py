@@ -15,6 +15,7 @@ FIRMWARE = rules.ROOT / "firmware"
 NOT_OF_CMAKE = {"-Ifirmware", "-std=c11"}
 NOT_OF_PLATFORMIO = {"-mmcu=${VGROOVE_MCU}", "-DF_CPU=16000000UL"}  # its boards' own
 BOARDS = {"uno": "uno", "uno_drill": "uno", "mega": "megaatmega2560"}  # ATmega328P and ATmega2560
+TOOLS = {name: f"-DVGROOVE_TOOL={n}" for name, n in {"uno": 1, "uno_drill": 2, "mega": 3}.items()}
 
 
 def ini(text: str | None = None) -> configparser.ConfigParser:
@@ -24,13 +25,16 @@ def ini(text: str | None = None) -> configparser.ConfigParser:
 
 
 def flags_of_platformio(parser: configparser.ConfigParser, name: str) -> set[str]:
-    """Options of an environment without the tool's number."""
+    """Compiler options of an environment of platformio.ini, except those that the source of
+    flags_of_cmake does not state: NOT_OF_CMAKE, and the one that selects the tool.
+    """
     own, common = parser[f"env:{name}"]["build_flags"], parser["env"]["build_flags"]
-    flags = set(own.replace("${env.build_flags}", common).split()) - NOT_OF_CMAKE
-    return {flag for flag in flags if not flag.startswith("-DVGROOVE_TOOL=")}
+    flags = set(own.replace("${env.build_flags}", common).split())
+    return flags - NOT_OF_CMAKE - {TOOLS[name]}
 
 
 def flags_of_cmake(board: str) -> set[str]:
+    """Compiler options that CMake gives for one of BOARDS, except NOT_OF_PLATFORMIO."""
     avr, root = (FIRMWARE / "avr.cmake").read_text(), (rules.ROOT / "CMakeLists.txt").read_text()
     levels = re.search(
         r'if\(VGROOVE_MCU STREQUAL "atmega2560"\).*\n\s*set\(optimisation ([^)]*)\)'
@@ -92,7 +96,8 @@ def test_builds_for_real_time_runs_have_the_sources_of_cmake() -> None:
         section = parser[f"env:{name}_hil"]
         assert section["board"] == board
         assert section["build_src_filter"] == "${hil.build_src_filter}"
-        assert section["build_flags"] == parser[f"env:{name}"]["build_flags"]
+        for key in ("build_flags", "build_unflags"):
+            assert section.get(key) == parser[f"env:{name}"].get(key)
 
 
 def test_clock_boards_and_rates() -> None:
@@ -114,9 +119,10 @@ def test_tools_are_those_of_the_presets() -> None:
     }
     assert tools == {"avr-uno": None, "avr-uno-drill": "drill", "avr-mega": None}
     parser = ini()
-    for name, number in {"uno": 1, "uno_drill": 2, "mega": 3}.items():
-        common, *_, tool = parser[f"env:{name}"]["build_flags"].split()
-        assert (common, tool) == ("${env.build_flags}", f"-DVGROOVE_TOOL={number}")
+    for name, tool in TOOLS.items():
+        common, *level, last = parser[f"env:{name}"]["build_flags"].split()
+        assert (common, last) == ("${env.build_flags}", tool)
+        assert level[0].startswith("-O") and all(flag.startswith("-f") for flag in level[1:])
 
 
 def test_the_files_for_speed_come_from_cmake() -> None:

@@ -138,7 +138,9 @@ def outcome(run: Run) -> dict[str, Any]:
 
 
 def without_fault(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Of runs without a fault: how many name each fault, and which name NAMED, the false trips."""
+    """Figures of the runs without a fault: how many there are, in how many the telemetry names each
+    fault, and count and numbers of those in which it names NAMED: these are false trips.
+    """
     rows = list(rows)
     named = Counter(name for row in rows for name in row["named"])
     false = [row["number"] for row in rows if NAMED in row["named"]]
@@ -163,8 +165,8 @@ def with_fault(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
 
 
 def plausibility(runs: int, faulty: int, jobs: int) -> dict[str, Any]:
-    """Figures of all runs, without a fault and with each fault. They are spread over processes: the
-    native firmware has one state in a process.
+    """Figures of all runs, without a fault and with each fault. The runs are distributed over
+    processes, because a process holds one instance of the native firmware.
     """
     with ProcessPoolExecutor(jobs) as pool:
         of = partial(pool.map, outcome, chunksize=4)

@@ -105,8 +105,8 @@ def reader(kind: str, rate: int) -> dict[str, Any]:
 
 
 def serial_readers() -> dict[str, Any]:
-    """Both READERS on each of STREAMS, and the processor time of python-can's bus divided by that
-    of this project's, one ratio a stream.
+    """Figures of each of STREAMS, received with each of READERS; ratios: for each stream the
+    processor time that python-can's bus needs, divided by what this project's bus needs.
     """
     rows = {name: {kind: reader(kind, rate) for kind in READERS} for name, rate in STREAMS.items()}
     theirs, ours = (

@@ -332,7 +332,9 @@ def serial_readers() -> list[str]:
 
 
 def plausibility() -> list[str]:
-    """Table of how often, and how fast, drawn runs detect a wrong current sensor."""
+    """Table of the drawn runs with a wrong current sensor: in how many the telemetry names it, and
+    after what time the drive ends.
+    """
     result = read("plausibility")
     rows = (
         (
@@ -362,9 +364,7 @@ def plausibility() -> list[str]:
 
 
 def soak() -> list[str]:
-    """Table of the ten simulated hours in which the ELF files were compared with the native
-    firmware.
-    """
+    """Table of ten simulated hours of the ELF files, compared with the native firmware."""
     result = read("soak")
     rows = (
         ("simulated hours", f"{result['hours']:.1f}"),

@@ -5,6 +5,7 @@ nothing where there is nothing, the corrected rig, joints of several logs, and w
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,9 @@ def test_a_log_of_another_start_angle_is_no_gap() -> None:
 
 
 @pytest.mark.proof  # in `make test` the demo's corrected rig
-def test_the_corrected_rig_has_the_gap_that_the_verdict_states(tmp_path: Path) -> None:
+def test_the_corrected_rig_has_the_gap_that_the_verdict_states(
+    tmp_path: Path, simulated_gap: Callable[[Path, Path], float]
+) -> None:
     rig = impact_rig()
     log = plant_log(rig, {"spring_preload.relative": 0.06}, 3, ramp(0.9, SECONDS))
     write_csv(log, tmp_path / "run.csv")
@@ -66,14 +69,9 @@ def test_the_corrected_rig_has_the_gap_that_the_verdict_states(tmp_path: Path) -
     assert {"blow_period_s", "current_a.level", "speed_rpm.shape"} <= set(
         verdict["gap"]["by_signal"]
     )
-    sim = [sys.executable, "-m", "vgroove.cli", "sim", "--log", "run.csv", "--json", "sim.json"]
-    gaps = {}
-    for name in ("rig.toml", "corrected.toml"):
-        done = subprocess.run([*sim, name], cwd=tmp_path, capture_output=True, check=False)
-        assert done.returncode == 0, done.stderr
-        gaps[name] = json.loads((tmp_path / "sim.json").read_text())["gap"]
-    assert gaps["rig.toml"] == pytest.approx(verdict["gap"]["before"], rel=0.02)
-    assert gaps["corrected.toml"] == pytest.approx(verdict["gap"]["refit"], rel=0.02)
+    for name, figure in (("rig.toml", "before"), ("corrected.toml", "refit")):
+        found_gap = simulated_gap(tmp_path / name, tmp_path / "run.csv")
+        assert found_gap == pytest.approx(verdict["gap"][figure], rel=0.02), figure
 
 
 def test_each_log_may_have_its_own_joint(tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def received_of(
 
 
 def received_in_blocks(port: str) -> int:
-    """Number of frames from a ResyncBus whose program fetches what has arrived every 20 ms."""
+    """Number of frames that a program receives if it reads every 20 ms what a ResyncBus has."""
     bus, received = ResyncBus(port, baudrate=1_000_000), 0
     with suppress(can.CanOperationError):  # the writer has ended and hung up
         while True:

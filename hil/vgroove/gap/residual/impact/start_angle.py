@@ -137,7 +137,8 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
         found = found.joined(tried).best(weight)
     start, at = found.start_rad, found.residual
     for round_ in range(STARTS.rounds):
-        at = at if round_ == 0 else _residuals_from(run, theta, start)
+        if round_ > 0:
+            at = _residuals_from(run, theta, start)
         moved = _residuals_from(run, theta, start + STARTS.difference_rad)
         change = np.clip(_step(at[:, 0], moved[:, 0]), -steps[-1], steps[-1])
         start = np.clip(start + change[:, None], -limit, 0.0)
@@ -146,7 +147,9 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Starts:
-    """Start angles (B, K) in rad of B parameter sets, and the residuals (B, K, m) of the run-up."""
+    """K start angles in rad for each of B parameter sets (B, K), and the m residuals of the run-up
+    that is simulated from each of them (B, K, m).
+    """
 
     start_rad: np.ndarray
     residual: np.ndarray
@@ -170,14 +173,16 @@ class _Starts:
 
 
 def _residuals_from(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> np.ndarray:
-    """Residuals (B, K, m) of the run-up of parameter sets (B, P) from angles (B, K) in rad."""
+    """Residuals (B, K, m) of the run-up: each of the parameter sets (B, P) is simulated from its
+    start angles (B, K) in rad.
+    """
     tried = with_starts(np.repeat(theta, start_rad.shape[1], axis=0), start_rad.ravel())
     return run_up_residuals(run, tried).reshape(*start_rad.shape, -1)
 
 
 def _step(at: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Gauss-Newton step (B,) in rad under Huber's loss, from residuals (B, m) at the start angles
-    and from those moved by difference_rad.
+    """Gauss-Newton step (B,) in rad of the start angles under Huber's loss. at, moved: residuals
+    (B, m) from the present angles, and from angles that are greater by STARTS.difference_rad.
     """
     at = np.nan_to_num(at)
     slope = (np.nan_to_num(moved) - at) / STARTS.difference_rad
