@@ -168,8 +168,8 @@ static void engage(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     set_level(self, set, travel_q15);
 }
 
-// One computation per tick, none while the blow detection computes. The computation for a blow comes
-// first: the time from the blow to the change of state then does not depend on what is due.
+// One computation per tick, none while the blow detection computes. The one for a blow comes first:
+// the time from the blow to the change of state then does not depend on what else is due.
 static void take_turn(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
                       const Blow *blow) {
     if (self->blow_pending) {

@@ -120,6 +120,22 @@ TEST_P(SyncMethods, TheDutyMovesAtALimitedRate) {
     EXPECT_GT(last, 0.7 * 32767);
 }
 
+TEST_P(SyncMethods, TheStateChangesInTheTickAfterABlowWhateverElseIsDue) {
+    const ControllerInputs in = inputs(0.6, 18.5);
+    for (int before = 1; before < 12; ++before) {
+        Tool tool(GetParam());
+        const auto tick = [&](bool struck) {
+            const Blow blow = impacting(0.03, struck);
+            sync_step(&tool.sync, &tool.set, &in, &blow);
+            return sync_state(&tool.sync);
+        };
+        for (int n = 0; n < before; ++n)
+            ASSERT_EQ(tick(false), SYNC_HOLD);
+        ASSERT_EQ(tick(true), SYNC_HOLD) << before;
+        ASSERT_EQ(tick(false), SYNC_SEEK) << before << " ticks before the blow";
+    }
+}
+
 TEST_P(SyncMethods, RegularPeriodsKeepTheLevel) {
     Tool tool(GetParam());
     const double before = tool.uneven(10, 0.0);
