@@ -21,8 +21,10 @@ if os.name == "posix":
 READ_BYTES = 65_536
 PIPE_BYTES = 1 << 20  # of the pipe from the reading process: 10 s at 1 MBd
 F_SETPIPE_SZ = 1031  # of Linux
+READY = b"R"
 # The reading process. It ends with its parent, and gets real-time priority where that is permitted.
-PUMP = """
+# READY comes first.
+PUMP = f"""
 import ctypes, os, select, sys
 port, priority = int(sys.argv[1]), 15
 try:
@@ -30,6 +32,7 @@ try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 except (OSError, AttributeError):
     pass
+os.write(1, {READY!r})
 while True:
     select.select([port], [], [])
     data = os.read(port, 65536)
@@ -42,7 +45,8 @@ while True:
 class PortReader:
     """Reads a port in a process of its own, so that the kernel's buffer (4 KiB, 41 ms at 1 MBd) is
     emptied while the program decodes, writes, or waits for a processor. For systems with POSIX
-    descriptors; others read in the program itself.
+    descriptors; others read in the program itself. The constructor returns when the process reads;
+    OSError when it cannot be started.
     """
 
     def __init__(self, port: serial.Serial) -> None:
@@ -61,6 +65,9 @@ class PortReader:
         self._pipe = self._process.stdout.fileno()
         with suppress(OSError):
             fcntl.fcntl(self._pipe, F_SETPIPE_SZ, PIPE_BYTES)
+        if os.read(self._pipe, len(READY)) != READY:
+            self.stop()
+            raise OSError("the process that reads the port has ended at its start")
 
     def take(self, timeout_s: float) -> bytes:
         """Bytes that have arrived; waits at most `timeout_s` for a first one. OSError when the
@@ -99,7 +106,11 @@ class ResyncBus(SerialBus):
         with suppress(AttributeError, NotImplementedError):
             self._ser.exclusive = True
         self._timeout_s = timeout
-        self._reader = PortReader(self._ser)
+        try:
+            self._reader = PortReader(self._ser)
+        except OSError as error:
+            super().shutdown()
+            raise can.CanInitializationError(f"could not read from serial: {error}") from error
 
     def read_frames(self) -> list[telemetry.Frame]:
         """Frames completed by the bytes that have arrived; blocks at most `timeout` seconds for a

@@ -18,12 +18,13 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 from telemetry_board import EEPROM_BYTES, Board, PtyBoard, eeprom_set, moving, wait_until
 from test_telemetry import damaged
-from vgroove import telemetry
+from vgroove import serial_bus, telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream, read_log
 from vgroove.recorder import Recording, record
@@ -475,6 +476,33 @@ def test_python_cans_bus_survives_damage(tmp_path: Path) -> None:
     assert [telemetry.frame_from_message(m) for m in messages] == intact and len(intact) > 90
     assert bus.framer.counters.skipped_bytes == len(broken) - 19 * len(intact)
     assert len(sent) == 19 and sent[17] == telemetry.frame_crc(1234, 515, sent[10:17])
+
+
+def test_a_bus_reads_as_soon_as_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long the reading process takes to start."""
+    monkeypatch.setattr(serial_bus, "PUMP", "import time; time.sleep(0.7)\n" + serial_bus.PUMP)
+    eeprom_set()
+    board = Board()
+    sent = board.run(20, moving(board))
+    master, slave = os.openpty()
+    bus = ResyncBus(os.ttyname(slave))
+    os.write(master, sent)
+    first = bus.recv(0.3)
+    bus.shutdown()
+    os.close(master)
+    os.close(slave)
+    assert telemetry.frame_from_message(first) == telemetry.Framer().feed(sent)[0]
+
+
+def test_a_reading_process_that_ends_at_its_start_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(serial_bus, "PUMP", "raise SystemExit(1)")
+    master, slave = os.openpty()
+    with pytest.raises(can.CanInitializationError, match="ended at its start"):
+        ResyncBus(os.ttyname(slave))
+    os.close(master)
+    os.close(slave)
 
 
 def test_raw_recording_keeps_the_time_that_the_crc_covers(tmp_path: Path) -> None:
