@@ -114,10 +114,11 @@ def test_the_mean_of_the_parts_is_that_of_all_rows_up_to_a_factor_of_two(
 
 def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Search) -> None:
     best = friction.fits[("coulomb_friction",)]
+    slope = consistency.size_response(friction, best, "coulomb_friction")
     divisions = list(consistency.partitions(friction))
     assert [len(np.unique(part)) for part in divisions] == [LIMITS.time_parts, 2, 1]
     for part in divisions:
-        found = consistency.part_sizes(friction, best, "coulomb_friction", part)
+        found = consistency.part_sizes(friction, best, slope, part)
         assert np.all(np.abs(found.value - 1.0) < 4.0 * found.sigma)
         assert np.all(found.sigma < 0.05) and found.is_constant()
     assert consistency.keeps_its_size(friction, best, "coulomb_friction", 0.1)
@@ -127,7 +128,8 @@ def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_st
     """A friction in one direction alone, fitted as Coulomb friction."""
     best = one_sided.fits[("coulomb_friction",)]
     part = next(consistency.partitions(one_sided))
-    found = consistency.part_sizes(one_sided, best, "coulomb_friction", part)
+    slope = consistency.size_response(one_sided, best, "coulomb_friction")
+    found = consistency.part_sizes(one_sided, best, slope, part)
     assert found.value.min() < 0.1 and found.value.max() > 1.4
     assert not consistency.keeps_its_size(one_sided, best, "coulomb_friction", 1.0)
 
@@ -153,14 +155,39 @@ def test_an_effect_that_no_division_shows_twice_must_close_nearly_all(
 def test_a_part_in_which_the_effect_does_not_act_does_not_count(
     friction: search_state.Search,
 ) -> None:
-    """Rows without sensitivity give no size."""
+    """Rows without a response give no size."""
     best = friction.fits[("coulomb_friction",)]
     part = (friction.problem.time_s > 3.0).astype(int)
-    jacobian = np.where(part[:, None] == 1, 0.0, best.jacobian)
-    found = consistency.part_sizes(
-        friction, replace(best, jacobian=jacobian), "coulomb_friction", part
-    )
-    assert len(found.value) == 1
+    slope = np.where(part == 1, 0.0, consistency.sensitivity(best, "coulomb_friction"))
+    assert len(consistency.part_sizes(friction, best, slope, part).value) == 1
+
+
+def test_the_response_to_a_size_is_the_derivative_of_a_smooth_effect(
+    friction: search_state.Search,
+) -> None:
+    best = friction.fits[("coulomb_friction",)]
+    found = consistency.size_response(friction, best, "coulomb_friction")
+    assert np.array_equal(found, consistency.sensitivity(best, "coulomb_friction"))
+
+
+@pytest.mark.parametrize("state", ["friction", "one_sided"])
+def test_the_response_to_a_size_is_the_whole_effect_where_the_derivative_is_another(
+    state: str, request: pytest.FixtureRequest
+) -> None:
+    """With a derivative that fits nothing every part would confirm the size of all rows; the whole
+    effect has the same size in all parts only if it is there.
+    """
+    search = request.getfixturevalue(state)
+    best, rng = search.fits[("coulomb_friction",)], np.random.default_rng(4)
+    other = replace(best, jacobian=1e3 * rng.normal(size=best.jacobian.shape))
+    part = next(consistency.partitions(search))
+    derivative = consistency.sensitivity(other, "coulomb_friction")
+    assert np.allclose(consistency.part_sizes(search, other, derivative, part).value, 1.0, atol=0.1)
+    retuned = replace(other, jacobian=best.jacobian.copy())
+    retuned.jacobian[:, 0] = other.jacobian[:, 0]
+    whole = consistency.size_response(search, retuned, "coulomb_friction")
+    found = consistency.part_sizes(search, retuned, whole, part)
+    assert found.is_constant() is (state == "friction")
 
 
 def test_the_sensitivity_of_a_ripple_is_along_its_amplitude() -> None:

@@ -263,6 +263,24 @@ def test_sets_that_differ_by_chance_are_tied() -> None:
         assert search_of.is_tied(other, one) is tied
 
 
+@pytest.mark.parametrize(
+    ("discrepancy", "lost", "tied"),
+    [(1.0, 0.01, False), (1.5, 0.01, True), (1.5, 0.04, True), (1.5, 0.06, False)],
+)
+def test_a_small_difference_is_a_form_error_where_the_models_discrepancy_is_the_unit(
+    discrepancy: float, lost: float, tied: bool
+) -> None:
+    """The difference is the same in every block, so that the bootstrap alone would find it
+    significant.
+    """
+    search_of, _ = decided(Toy({"effects.coulomb_friction.torque_nm": 0.004}))[:2]
+    one = search_of.fits[("coulomb_friction",)]
+    engine = search_of.engine.with_discrepancy(np.full(search_of.problem.n, discrepancy))
+    state = replace(search_of, engine=engine)
+    other = replace(one, out_of_fold=np.sqrt(one.out_of_fold**2 + lost))
+    assert state.is_tied(other, one) is tied
+
+
 def test_a_true_tie_is_ambiguous() -> None:
     toy = Toy({"effects.coulomb_friction.torque_nm": 0.004}, still_speed=True)
     found = decided(toy, one_way=True)
@@ -369,6 +387,8 @@ class Scored:
         return float(np.sqrt(self.reported_score(one)))
 
     equal_up_to_chance = search_state.Search.equal_up_to_chance
+    equal_up_to_form_error = search_state.Search.equal_up_to_form_error
+    floor_power = 1.0
 
     def contradicts_edge_scale(self, one: float) -> bool:
         return False

@@ -281,9 +281,19 @@ class Search:
         difference = float(self.block_losses(one).sum() - self.block_losses(other).sum())
         return abs(difference) <= COMPARISON.chance_gain
 
+    def equal_up_to_form_error(self, one: Fit, best: Fit) -> bool:
+        """Whether a set loses less than the minimum effect size where the model's discrepancy, not
+        the sensors' noise, is the unit of the comparison. A discrepancy is much the same in every
+        block, so that the bootstrap takes a small difference for significant that the form of
+        either effect may cause.
+        """
+        lost = self.score(one) - self.score(best)
+        return self.floor_power < 1.0 and lost <= self.min_gain(best)
+
     def is_tied(self, one: Fit, best: Fit) -> bool:
         """Whether a set predicts the held-out rows as well as the best: the 95 % interval of the
-        difference contains 0 (docs/spec/gap.md, section 5), or chance explains the difference.
+        difference contains 0 (docs/spec/gap.md, section 5), or chance or a form error explains the
+        difference.
 
         Models may differ in few blocks only, which many bootstrap samples do not contain. Therefore
         a set is not tied if its loss on this very run (loss_bound()) exceeds the minimum effect
@@ -294,7 +304,7 @@ class Search:
             return False
         if self.leaves_most_of_far_gap(one) and not self.leaves_most_of_far_gap(best):
             return False
-        if self.equal_up_to_chance(one, best):
+        if self.equal_up_to_chance(one, best) or self.equal_up_to_form_error(one, best):
             return True
         difference = self.block_losses(one) - self.block_losses(best)
         if difference_interval(self.blocks, difference)[0] > 0.0:

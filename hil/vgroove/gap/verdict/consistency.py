@@ -42,6 +42,9 @@ class ConsistencyLimits:
     # share of what the set without an effect leaves, over all signals or in one, that the effect
     # must close where no division has two parts that show it
     min_closed_undivided: float = 0.9
+    # least cosine of the angle between the derivative by the size and what the whole effect
+    # changes; 0.7 to 1.0 for single smooth effects, below 0.3 for a backlash (gap_method.md)
+    min_tangent_cosine: float = 0.5
     # standard deviation of the size in a part, above which the part does not show the effect
     max_part_sigma: float = 1.0
     # a part contradicts the sign, or loses squared gap, from so many standard deviations on
@@ -113,6 +116,31 @@ def sensitivity(best: Fit, effect_id: str) -> np.ndarray:
     return out
 
 
+def size_response(search: Search, best: Fit, effect_id: str) -> np.ndarray:
+    """Change of the residuals (n,) for an added size of 1: the derivative (sensitivity()), or,
+    where this is not what the effect changes, the difference to the model without it (its secant).
+    The derivative by the width of a backlash moves the instants of its contacts, which fits
+    nothing: each part of a log would then seem to confirm the size of all rows.
+    """
+    tangent = sensitivity(best, effect_id)
+    column = search.problem.index(BY_ID[effect_id].name(BY_ID[effect_id].leading))
+    theta = best.theta(search.problem.theta0)
+    theta[column] = search.problem.theta0[column]
+    without = search.problem.residuals(theta[None, :])[0] / search.engine.discrepancy
+    secant = best.residual - without
+    rows, first = search.blocks.tested, best.hypothesis.count
+    both = np.column_stack([tangent, secant])[rows]
+    slope, change = _beside(both, best.jacobian[rows, first:]).T
+    least = LIMITS.min_tangent_cosine * np.linalg.norm(slope) * np.linalg.norm(change)
+    return tangent if abs(slope @ change) >= least else secant
+
+
+def _beside(columns: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
+    """What nuisance parameters (m, k) with priors of variance 1 leave of columns (m, c)."""
+    normal = nuisance.T @ nuisance + np.eye(nuisance.shape[1])
+    return columns - nuisance @ np.linalg.solve(normal, nuisance.T @ columns)
+
+
 def partitions(search: Search) -> Iterator[np.ndarray]:
     """Divisions of the rows, as the number (n,) of each row's part: contiguous parts of time,
     regimes of motion, logs.
@@ -126,9 +154,10 @@ def partitions(search: Search) -> Iterator[np.ndarray]:
     yield problem.log
 
 
-def part_sizes(search: Search, best: Fit, effect_id: str, part: np.ndarray) -> PartSizes:
-    """Sizes of an effect in those parts that show it. part: number (n,) of each row's part."""
-    slope = sensitivity(best, effect_id)
+def part_sizes(search: Search, best: Fit, slope: np.ndarray, part: np.ndarray) -> PartSizes:
+    """Sizes of an effect in those parts that show it. slope (n,): its size_response(); part: number
+    (n,) of each row's part.
+    """
     nuisance = best.jacobian[:, best.hypothesis.count :]
     prior = np.ones(nuisance.shape[1])
     found = []
@@ -172,9 +201,9 @@ def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: float) -> 
     parts show it. Without such a division the effect must close nearly all. closed: share that it
     closes of the squared gap left by the set without it, over all signals or in one alone.
     """
-    divided = False
+    divided, slope = False, size_response(search, best, effect_id)
     for part in partitions(search):
-        sizes = part_sizes(search, best, effect_id, part)
+        sizes = part_sizes(search, best, slope, part)
         if len(sizes.value) > 1:
             divided = True
             if not sizes.is_constant():
