@@ -145,6 +145,11 @@ static SlowWork slow_work(App *self) {
     } else if (hall_speed_search_due(&self->hall)) {
         hall_speed_search(&self->hall);
         return SLOW_LONG;
+    } else if (balance_due(&self->balance)) {
+        self->faults.contradiction =
+            balance_judge(&self->balance, self->params.value[PARAM_MOTOR_MOHM],
+                          (uint16_t)self->params.value[PARAM_MOTOR_RPM_PER_V]);
+        return SLOW_LONG;
     } else if (param_due(&self->params)) {
         param_step(&self->params);
         self->report.params.table.table_slot = self->params.slot;
@@ -174,6 +179,12 @@ static void share_tick(App *self) {
     self->report.hold_state = full || work == SLOW_LONG ||
                               (work == SLOW_USUAL && self->hall.new_edges > 0u) ||
                               (work == SLOW_NONE && telemetry_packs(&self->telemetry));
+    const bool pending = telemetry_slow_pending(&self->telemetry);
+    self->slow_turn = self->report.hold_slow && pending;
+    if (!self->report.hold_slow && !pending) {
+        balance_collect(&self->balance, &self->measured, self->bridge.row_compare,
+                        self->faults.settled_ms == FAULTS_SETTLED_MS);
+    }
 }
 
 void app_tick(App *self, uint8_t ticks_late) {
@@ -193,7 +204,6 @@ void app_tick(App *self, uint8_t ticks_late) {
     profile_tick(&self->control.profile, drives);
     h_bridge_stage(&self->bridge, drive_step(self));
     share_tick(self);
-    self->slow_turn = self->report.hold_slow && telemetry_slow_pending(&self->telemetry);
     report_tick(self);
     if (!drives && self->modes.state != MODES_STOPPED) {
         control_ready(&self->control, self->mode, self->modes.reverse, self->params.value);

@@ -113,7 +113,7 @@ void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits,
         bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
     active |= bit_if(self->sensor_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible,
                      TELEMETRY_FAULTS_SENSOR_LOST);
-    if (find_frozen_current(self, m, drive) ||
+    if (self->contradiction || find_frozen_current(self, m, drive) ||
         find_current_of_open_bridge(self, m, drive->compare)) {
         active |= TELEMETRY_FAULTS_SENSOR_LOST;
     }

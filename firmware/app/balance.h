@@ -1,0 +1,54 @@
+// Plausibility of current sensor and bus voltage during a drive: two balances that hold between any
+// two spans of a drive, whatever the load does.
+//
+//   motor:  D(duty Vs) = R D(i) + k D(speed)    R 0.75 to 1.75, k 0.87 to 1.12 of the parameters
+//   pack:   D(Vs) = -Rp D(duty i)               Rp 0 to 0.25 ohm
+//
+// D is the change from the span before the last: a difference contains neither the drop of brushes
+// and bridge nor the open-circuit voltage. The sensors are implausible where no R and k, or no Rp,
+// within these ranges explain the change to within 0.6 V. A step of the current sensor by 8 A is
+// 1.5 V in the first balance, a reference that is 9 % low 1.8 V in the second.
+//
+// A span is the mean of 32 ticks at 3000 rpm or more: below that a missed edge is not detected, and
+// a measured speed is delayed by up to 5 ms. A tick without drive or below that speed restarts it,
+// so that the mean of a product is the product of the means.
+#ifndef VGROOVE_APP_BALANCE_H
+#define VGROOVE_APP_BALANCE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "app/measure.h"
+
+#define BALANCE_TICKS 32u
+#define BALANCE_TERMS 5u
+
+// Quantity of the balances; change: from the span before the last.
+typedef struct {
+    int16_t change;
+    int16_t before;
+    int16_t last;
+} BalanceTerm;
+
+typedef struct {
+    int16_t current_sum;  // 1/16 A, of 32 ticks Q9
+    int16_t speed_sum;    // 16 rpm, of 32 ticks Q1
+    int16_t compare_sum;
+    uint16_t supply_sum;  // 25 mV
+    BalanceTerm term[BALANCE_TERMS];
+    uint8_t ticks;  // in the sums
+    uint8_t spans;  // in `last` and `before`, up to 2
+} Balance;
+
+// No drive is going on: the next one begins with new spans.
+void balance_reset(Balance *self);
+
+// Adds a tick at the applied compare value. settled: the bridge has driven for some ticks.
+void balance_collect(Balance *self, const Measurement *m, int16_t compare, bool settled);
+
+// Whether a span is complete; balance_judge() then returns whether it is implausible, in any later
+// tick.
+bool balance_due(const Balance *self);
+bool balance_judge(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v);
+
+#endif
