@@ -146,9 +146,7 @@ static SlowWork slow_work(App *self) {
         hall_speed_search(&self->hall);
         return SLOW_LONG;
     } else if (balance_due(&self->balance)) {
-        self->faults.contradiction =
-            balance_judge(&self->balance, self->params.value[PARAM_MOTOR_MOHM],
-                          (uint16_t)self->params.value[PARAM_MOTOR_RPM_PER_V]);
+        self->faults.contradiction = balance_judge(&self->balance, self->params.value);
         return SLOW_LONG;
     } else if (param_due(&self->params)) {
         param_step(&self->params);
@@ -158,6 +156,18 @@ static SlowWork slow_work(App *self) {
         return SLOW_NONE;
     }
     return SLOW_USUAL;
+}
+
+// The balances take ticks with cycles left. Beside an edge they hold the update of STATE, and leave
+// every second tick to it.
+static void collect_balance(App *self, bool edge) {
+    if (self->faults.settled_ms < FAULTS_SETTLED_MS || (edge && (self->report.now_ms & 1u) == 0u)) {
+        return;
+    }
+    if (edge) {
+        self->report.hold_state = true;
+    }
+    balance_collect(&self->balance, &self->measured, self->bridge.row_compare);
 }
 
 // A tick has cycles for one of these: slow work, a slow frame, a second edge, an edge with
@@ -175,15 +185,15 @@ static void share_tick(App *self) {
     }
     const bool full = self->heavy || self->full_ticks > 0u;
     const SlowWork work = full || self->slow_turn ? SLOW_NONE : slow_work(self);
+    const bool edge = self->hall.new_edges > 0u;
+    const bool packs = telemetry_packs(&self->telemetry);
+    const bool pending = packs || telemetry_sends_slow(&self->telemetry);
     self->report.hold_slow = full || work != SLOW_NONE;
-    self->report.hold_state = full || work == SLOW_LONG ||
-                              (work == SLOW_USUAL && self->hall.new_edges > 0u) ||
-                              (work == SLOW_NONE && telemetry_packs(&self->telemetry));
-    const bool pending = telemetry_slow_pending(&self->telemetry);
+    self->report.hold_state =
+        full || work == SLOW_LONG || (work == SLOW_USUAL && edge) || (work == SLOW_NONE && packs);
     self->slow_turn = self->report.hold_slow && pending;
     if (!self->report.hold_slow && !pending) {
-        balance_collect(&self->balance, &self->measured, self->bridge.row_compare,
-                        self->faults.settled_ms == FAULTS_SETTLED_MS);
+        collect_balance(self, edge);
     }
 }
 

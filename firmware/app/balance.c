@@ -1,6 +1,7 @@
 // Plausibility of current sensor and bus voltage, see balance.h.
 #include "app/balance.h"
 
+#include "app/param_store.h"
 #include "core/divide.h"
 #include "core/inline.h"
 #include "telemetry/telemetry_signals.h"
@@ -9,20 +10,19 @@
 #define SATURATED                                                                                  \
     (TELEMETRY_FLAGS_CURRENT_SATURATED | TELEMETRY_FLAGS_SPEED_SATURATED |                         \
      TELEMETRY_FLAGS_SUPPLY_SATURATED)
-#define TOLERANCE 75  // 0.6 V of the motor's balance, 0.3 V of the pack's
+// Unit of the motor's balance: 6.27 mV, the product of duty and bus voltage; of the pack's: 3.12
+// mV.
+#define TOLERANCE 96                // 0.6 V of the motor's balance, 0.3 V of the pack's
+#define DROP_PER_MOHM_Q16 20        // of A Q9
+#define EMF_Q16_RPM_PER_V 5222400u  // of rpm Q1, times rpm/V; at 160 rpm/V 3000 rpm are 19 V
 
-// Factors Q16 of the sums.
-#define SUPPLY_4MV 12800            // 25 mV / 32
-#define DROP_8MV_PER_MOHM 16        // A Q9
-#define EMF_8MV_RPM_PER_V 4096000u  // rpm Q1, times rpm/V; at 125 rpm/V 3000 rpm are 24 V
-
-// Terms of a span.
+// Quantities of the balances.
 typedef enum {
-    MOTOR_VOLTAGE,  // 8 mV
-    DROP,           // 8 mV, R i
-    EMF,            // 8 mV, k speed
-    BUS_VOLTAGE,    // 4 mV
-    PACK_DROP,      // 4 mV, at 0.125 ohm: half of the greatest resistance
+    MOTOR_VOLTAGE,
+    DROP,  // R i
+    EMF,   // k speed
+    BUS_VOLTAGE,
+    PACK_DROP,  // at 0.2 ohm, half of the greatest resistance
 } Term;
 
 // -32768 keeps its value.
@@ -35,12 +35,10 @@ void balance_reset(Balance *self) {
     self->spans = 0;
 }
 
-INLINE_NEVER void balance_collect(Balance *self, const Measurement *m, int16_t compare,
-                                  bool settled) {
+void balance_collect(Balance *self, const Measurement *m, int16_t compare) {
     BY_POINTER(self);
     const int16_t rpm_q1 = m->speed_rpm_q1;
-    if (!settled || (m->flags & SATURATED) != 0u ||
-        (rpm_q1 < LEAST_RPM_Q1 && rpm_q1 > -LEAST_RPM_Q1)) {
+    if ((m->flags & SATURATED) != 0u || (rpm_q1 < LEAST_RPM_Q1 && rpm_q1 > -LEAST_RPM_Q1)) {
         self->ticks = 0;
         return;
     }
@@ -79,16 +77,18 @@ static bool contradicts(const Balance *self) {
            beyond((int16_t)(self->term[BUS_VOLTAGE].change + pack), size(pack));
 }
 
-INLINE_NEVER bool balance_judge(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v) {
+INLINE_NEVER bool balance_judge(Balance *self, const int16_t *value) {
     BY_POINTER(self);
     BalanceTerm *term = self->term;
-    term[EMF].change =
-        product(self->speed_sum, (int16_t)divide_by_u16(EMF_8MV_RPM_PER_V, rpm_per_v));
-    term[DROP].change = product(self->current_sum, (int16_t)(motor_mohm * DROP_8MV_PER_MOHM));
-    term[PACK_DROP].change = product(self->current_sum, (int16_t)(self->compare_sum >> 1));
-    const int16_t bus_4mv = product((int16_t)self->supply_sum, SUPPLY_4MV);
-    term[BUS_VOLTAGE].change = bus_4mv;
-    term[MOTOR_VOLTAGE].change = product(bus_4mv, (int16_t)(4 * self->compare_sum));
+    const uint16_t emf_q16 =
+        divide_by_u16(EMF_Q16_RPM_PER_V, (uint16_t)value[PARAM_MOTOR_RPM_PER_V]);
+    term[EMF].change = product(self->speed_sum, (int16_t)emf_q16);
+    const int16_t drop_q16 = (int16_t)(value[PARAM_MOTOR_MOHM] * DROP_PER_MOHM_Q16);
+    term[DROP].change = product(self->current_sum, drop_q16);
+    term[PACK_DROP].change = product(self->current_sum, self->compare_sum);
+    const int16_t bus = (int16_t)(self->supply_sum >> 2);
+    term[BUS_VOLTAGE].change = bus;
+    term[MOTOR_VOLTAGE].change = product(bus, (int16_t)(4 * self->compare_sum));
     for (uint8_t k = BALANCE_TERMS; k > 0u; k--, term++) {
         const int16_t now = term->change;
         term->change = (int16_t)(now - term->before);

@@ -43,12 +43,12 @@ typedef struct {
 // No drive is going on: the next one begins with new spans.
 void balance_reset(Balance *self);
 
-// Adds a tick at the applied compare value. settled: the bridge has driven for some ticks.
-void balance_collect(Balance *self, const Measurement *m, int16_t compare, bool settled);
+// Adds a tick at the applied compare value; call it in ticks with a driven, settled bridge.
+void balance_collect(Balance *self, const Measurement *m, int16_t compare);
 
 // Whether a span is complete; balance_judge() then returns whether it is implausible, in any later
-// tick.
+// tick. value: parameters.
 bool balance_due(const Balance *self);
-bool balance_judge(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v);
+bool balance_judge(Balance *self, const int16_t *value);
 
 #endif
