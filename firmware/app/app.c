@@ -159,9 +159,10 @@ static SlowWork slow_work(App *self) {
 }
 
 // The balances take ticks with cycles left. Beside an edge they hold the update of STATE, and leave
-// every second tick to it.
+// every second tick to it. A release is left out: duty and current change too much within a span.
 static void collect_balance(App *self, bool edge) {
-    if (self->faults.settled_ms < FAULTS_SETTLED_MS || (edge && (self->report.now_ms & 1u) == 0u)) {
+    if (self->modes.state != MODES_DRIVE || self->faults.settled_ms < FAULTS_SETTLED_MS ||
+        self->faults.under_voltage_ms > 0u || (edge && (self->report.now_ms & 1u) == 0u)) {
         return;
     }
     if (edge) {

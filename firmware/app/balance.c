@@ -12,7 +12,8 @@
      TELEMETRY_FLAGS_SUPPLY_SATURATED)
 // Unit of the motor's balance: 6.27 mV, the product of duty and bus voltage; of the pack's: 3.12
 // mV.
-#define TOLERANCE 96                // 0.6 V of the motor's balance, 0.3 V of the pack's
+#define TOLERANCE 96                // 0.6 V of the motor's balance
+#define PACK_MORE (2 * TOLERANCE)   // 0.9 V of the pack's in all
 #define DROP_PER_MOHM_Q16 20        // of A Q9
 #define EMF_Q16_RPM_PER_V 5222400u  // of rpm Q1, times rpm/V; at 160 rpm/V 3000 rpm are 19 V
 
@@ -74,7 +75,8 @@ static bool contradicts(const Balance *self) {
     const int16_t pack = self->term[PACK_DROP].change;
     const int16_t rest = (int16_t)(self->term[MOTOR_VOLTAGE].change - drop - (drop >> 2) - emf);
     return beyond(rest, (int16_t)((size(drop) >> 1) + (size(emf) >> 3))) ||
-           beyond((int16_t)(self->term[BUS_VOLTAGE].change + pack), size(pack));
+           beyond((int16_t)(self->term[BUS_VOLTAGE].change + pack),
+                  (int16_t)(size(pack) + PACK_MORE));
 }
 
 INLINE_NEVER bool balance_judge(Balance *self, const int16_t *value) {

@@ -104,16 +104,19 @@ TEST_F(BalanceTest, TheToleranceOfTheMotorsBalanceIs600mV) {
     EXPECT_TRUE(finds({-4.5, 0.0}));
 }
 
-TEST_F(BalanceTest, TheToleranceOfThePacksBalanceIs300mV) {
-    EXPECT_FALSE(finds({0.0, 0.275}));
-    EXPECT_FALSE(finds({0.0, -0.275}));
-    EXPECT_TRUE(finds({0.0, 0.35}));
-    EXPECT_TRUE(finds({0.0, -0.35}));
+// At a duty of 0.5 the motor's balance sees half of the step.
+TEST_F(BalanceTest, TheToleranceOfThePacksBalanceIs900mV) {
+    for (const double volts : {0.875, -0.875, 0.95, -0.95}) {
+        balance_reset(&balance);
+        for (int k = 0; k < 3; ++k)
+            EXPECT_FALSE(span({}, 0.5, 10.0));
+        EXPECT_EQ(span({}, 0.5, 10.0, {0.0, volts}), std::abs(volts) > 0.9) << volts;
+    }
 }
 
-TEST_F(BalanceTest, ABusThatRisesWithTheCurrentIsFoundAndOneThatFallsIsAPack) {
-    EXPECT_TRUE(finds({2.0, 0.4}));
-    EXPECT_FALSE(finds({2.0, -0.4}));
+// The motor's balance explains this pair of steps, the pack's does not.
+TEST_F(BalanceTest, ABusThatRisesWithTheCurrentIsFound) {
+    EXPECT_TRUE(finds({3.0, 1.0}));
 }
 
 TEST_F(BalanceTest, TheMotorsParametersDecide) {
