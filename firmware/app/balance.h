@@ -1,17 +1,18 @@
 // Plausibility of current sensor and bus voltage during a drive: two balances that hold between any
-// two spans of a drive, whatever the load does.
+// two spans of a drive, whatever the load does (parity equations with uncertain parameters).
 //
 //   motor:  D(duty Vs) = R D(i) + k D(speed)    R 0.75 to 1.75, k 0.87 to 1.12 of the parameters
-//   pack:   D(Vs) = -Rp D(duty i)               Rp 0 to 0.25 ohm
+//   pack:   D(Vs) = -Rp D(duty i)               Rp 0 to 0.4 ohm
 //
 // D is the change from the span before the last: a difference contains neither the drop of brushes
-// and bridge nor the open-circuit voltage. The sensors are implausible where no R and k, or no Rp,
-// within these ranges explain the change to within 0.6 V. A step of the current sensor by 8 A is
-// 1.5 V in the first balance, a reference that is 9 % low 1.8 V in the second.
+// and bridge nor the open-circuit voltage. The sensors contradict each other where no R and k
+// within these ranges explain the change to within 0.6 V, or no Rp to within 0.9 V. A step of the
+// current sensor by 8 A is 1.5 V in the first balance, a reference that is 9 % low 1.8 V in the
+// second; a contact of the pack that changes by 36 mohm at 25 A is 0.9 V.
 //
-// A span is the mean of 32 ticks at 3000 rpm or more: below that a missed edge is not detected, and
-// a measured speed is delayed by up to 5 ms. A tick without drive or below that speed restarts it,
-// so that the mean of a product is the product of the means.
+// A span is 32 ticks at 3000 rpm or more: below that a missed edge is not detected, and the
+// measured speed is delayed by up to 5 ms. A slower tick restarts the span. Products are those of
+// the means.
 #ifndef VGROOVE_APP_BALANCE_H
 #define VGROOVE_APP_BALANCE_H
 
