@@ -146,7 +146,7 @@ static SlowWork slow_work(App *self) {
         hall_speed_search(&self->hall);
         return SLOW_LONG;
     } else if (balance_due(&self->balance)) {
-        self->faults.contradiction = balance_judge(&self->balance, self->params.value);
+        self->faults.contradiction = balance_judge(&self->balance);
         return SLOW_LONG;
     } else if (param_due(&self->params)) {
         param_step(&self->params);
@@ -161,8 +161,8 @@ static SlowWork slow_work(App *self) {
 // The balances take ticks with cycles left. Beside an edge they hold the update of STATE, and leave
 // every second tick to it. A release is left out: duty and current change too much within a span.
 static void collect_balance(App *self, bool edge) {
-    if (self->modes.state != MODES_DRIVE || self->faults.settled_ms < FAULTS_SETTLED_MS ||
-        self->faults.under_voltage_ms > 0u || (edge && (self->report.now_ms & 1u) == 0u)) {
+    if (self->faults.settled_ms < FAULTS_SETTLED_MS || self->faults.under_voltage_ms > 0u ||
+        (edge && (self->report.now_ms & 1u) == 0u)) {
         return;
     }
     if (edge) {
@@ -176,7 +176,7 @@ static void collect_balance(App *self, bool edge) {
 // frame that had to wait has priority over slow work in the next tick. Long work, and slow work in
 // a tick with an edge, hold the update of STATE as well; a pending slow frame ends that within two
 // ticks. So does packing a slow frame.
-static void share_tick(App *self) {
+static void share_tick(App *self, bool drives) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
     const bool edges = two_edges || (foldback_active(&self->foldback) && self->hall.new_edges > 0u);
@@ -193,7 +193,7 @@ static void share_tick(App *self) {
     self->report.hold_state =
         full || work == SLOW_LONG || (work == SLOW_USUAL && edge) || (work == SLOW_NONE && packs);
     self->slow_turn = self->report.hold_slow && pending;
-    if (!self->report.hold_slow && !pending) {
+    if (drives && !self->report.hold_slow && !pending) {
         collect_balance(self, edge);
     }
 }
@@ -214,7 +214,7 @@ void app_tick(App *self, uint8_t ticks_late) {
     }
     profile_tick(&self->control.profile, drives);
     h_bridge_stage(&self->bridge, drive_step(self));
-    share_tick(self);
+    share_tick(self, drives);
     report_tick(self);
     if (!drives && self->modes.state != MODES_STOPPED) {
         control_ready(&self->control, self->mode, self->modes.reverse, self->params.value);

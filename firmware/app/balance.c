@@ -1,7 +1,6 @@
 // Plausibility of current sensor and bus voltage, see balance.h.
 #include "app/balance.h"
 
-#include "app/param_store.h"
 #include "core/divide.h"
 #include "core/inline.h"
 #include "telemetry/telemetry_signals.h"
@@ -31,6 +30,11 @@ INLINE_NEVER static int16_t size(int16_t value) {
     return (int16_t)(value < 0 ? -(uint16_t)value : (uint16_t)value);
 }
 
+void balance_set_motor(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v) {
+    self->drop_q16 = (int16_t)(motor_mohm * DROP_PER_MOHM_Q16);
+    self->emf_q16 = (int16_t)divide_by_u16(EMF_Q16_RPM_PER_V, rpm_per_v);
+}
+
 void balance_reset(Balance *self) {
     self->ticks = 0;
     self->spans = 0;
@@ -57,7 +61,7 @@ void balance_collect(Balance *self, const Measurement *m, int16_t compare) {
 }
 
 bool balance_due(const Balance *self) {
-    return self->ticks == BALANCE_TICKS;
+    return self->ticks >= BALANCE_TICKS;
 }
 
 INLINE_NEVER static int16_t product(int16_t value, int16_t factor_q16) {
@@ -79,18 +83,25 @@ static bool contradicts(const Balance *self) {
                   (int16_t)(size(pack) + PACK_MORE));
 }
 
-INLINE_NEVER bool balance_judge(Balance *self, const int16_t *value) {
-    BY_POINTER(self);
-    BalanceTerm *term = self->term;
-    const uint16_t emf_q16 =
-        divide_by_u16(EMF_Q16_RPM_PER_V, (uint16_t)value[PARAM_MOTOR_RPM_PER_V]);
-    term[EMF].change = product(self->speed_sum, (int16_t)emf_q16);
-    const int16_t drop_q16 = (int16_t)(value[PARAM_MOTOR_MOHM] * DROP_PER_MOHM_Q16);
-    term[DROP].change = product(self->current_sum, drop_q16);
+// Puts the means of the span into `change`.
+static void take_means(Balance *self) {
+    BalanceTerm *const term = self->term;
+    term[EMF].change = product(self->speed_sum, self->emf_q16);
+    term[DROP].change = product(self->current_sum, self->drop_q16);
     term[PACK_DROP].change = product(self->current_sum, self->compare_sum);
     const int16_t bus = (int16_t)(self->supply_sum >> 2);
     term[BUS_VOLTAGE].change = bus;
     term[MOTOR_VOLTAGE].change = product(bus, (int16_t)(4 * self->compare_sum));
+}
+
+INLINE_NEVER bool balance_judge(Balance *self) {
+    BY_POINTER(self);
+    if (self->ticks == BALANCE_TICKS) {
+        take_means(self);
+        self->ticks++;
+        return false;
+    }
+    BalanceTerm *term = self->term;
     for (uint8_t k = BALANCE_TERMS; k > 0u; k--, term++) {
         const int16_t now = term->change;
         term->change = (int16_t)(now - term->before);

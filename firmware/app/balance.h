@@ -37,9 +37,13 @@ typedef struct {
     int16_t compare_sum;
     uint16_t supply_sum;  // 25 mV
     BalanceTerm term[BALANCE_TERMS];
+    int16_t drop_q16;  // motor's factors of the sums of current and speed
+    int16_t emf_q16;
     uint8_t ticks;  // in the sums
     uint8_t spans;  // in `last` and `before`, up to 2
 } Balance;
+
+void balance_set_motor(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v);
 
 // No drive is going on: the next one begins with new spans.
 void balance_reset(Balance *self);
@@ -47,9 +51,9 @@ void balance_reset(Balance *self);
 // Adds a tick at the applied compare value; call it in ticks with a driven, settled bridge.
 void balance_collect(Balance *self, const Measurement *m, int16_t compare);
 
-// Whether a span is complete; balance_judge() then returns whether it is implausible, in any later
-// tick. value: parameters.
+// Whether a span is complete. Then two calls of balance_judge() in any later ticks, before the next
+// balance_collect(), return whether it is implausible; the first computes its means.
 bool balance_due(const Balance *self);
-bool balance_judge(Balance *self, const int16_t *value);
+bool balance_judge(Balance *self);
 
 #endif

@@ -2,13 +2,11 @@
 // of current sensor or bus voltage is found just above the tolerance, not just below it.
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cmath>
 #include <cstdlib>
 
 extern "C" {
 #include "app/balance.h"
-#include "app/param_store.h"
 #include "telemetry/telemetry_signals.h"
 }
 
@@ -32,12 +30,8 @@ struct SensorFault {
 struct BalanceTest : testing::Test {
     Balance balance{};
     Measurement m{};
-    std::array<int16_t, PARAM_COUNT> value{};
 
-    void SetUp() override {
-        value[PARAM_MOTOR_MOHM] = 190;
-        value[PARAM_MOTOR_RPM_PER_V] = 876;
-    }
+    void SetUp() override { balance_set_motor(&balance, 190, 876); }
 
     // Sets the measurement of a turning motor; returns the compare value.
     int16_t turn(const Machine &tool, double duty, double amps, SensorFault fault = {}) {
@@ -57,7 +51,13 @@ struct BalanceTest : testing::Test {
             balance_collect(&balance, &m, compare);
         }
         EXPECT_TRUE(balance_due(&balance));
-        const bool found = balance_judge(&balance, value.data());
+        return judge();
+    }
+
+    bool judge() {
+        EXPECT_FALSE(balance_judge(&balance)) << "the means alone";
+        EXPECT_TRUE(balance_due(&balance));
+        const bool found = balance_judge(&balance);
         EXPECT_FALSE(balance_due(&balance));
         return found;
     }
@@ -120,7 +120,7 @@ TEST_F(BalanceTest, ABusThatRisesWithTheCurrentIsFound) {
 }
 
 TEST_F(BalanceTest, TheMotorsParametersDecide) {
-    value[PARAM_MOTOR_MOHM] = 90;
+    balance_set_motor(&balance, 90, 876);
     EXPECT_FALSE(finds({8.0, 0.0}));
     EXPECT_TRUE(finds({10.0, 0.0}));
 }
@@ -135,7 +135,7 @@ TEST_F(BalanceTest, AFaultInTheMiddleOfASpanIsFoundInTheNext) {
     (void)turn(tool, 0.7, 20.0, {8.0, 0.0});
     while (!balance_due(&balance))
         balance_collect(&balance, &m, compare);
-    EXPECT_FALSE(balance_judge(&balance, value.data())) << "half of the step";
+    EXPECT_FALSE(judge()) << "half of the step";
     EXPECT_TRUE(span(tool, 0.7, 20.0, {8.0, 0.0}));
 }
 
