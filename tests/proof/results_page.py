@@ -355,9 +355,9 @@ def plausibility() -> list[str]:
         "",
         f"`{result['command']}`, commit {result['commit']}: drawn runs of every controller with a",
         "drawn tool. Without a fault, with moves and further pulls of the trigger, both release",
-        "modes, drawn noise of the sensors and a third of the runs without:",
-        f"{sound['false_trips']} of {sound['runs']} name `sensor_lost`. A fault begins in the drive;",
-        "what it does not end is named after the release:",
+        "modes, drawn noise of the sensors and a third of the runs without noise:",
+        f"{sound['false_trips']} of {sound['runs']} name `sensor_lost`. A fault begins in the",
+        "drive; what it does not end is named after the release:",
         "",
         *table(header, rows),
     ]
