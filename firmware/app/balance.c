@@ -9,12 +9,12 @@
 #define SATURATED                                                                                  \
     (TELEMETRY_FLAGS_CURRENT_SATURATED | TELEMETRY_FLAGS_SPEED_SATURATED |                         \
      TELEMETRY_FLAGS_SUPPLY_SATURATED)
-// Unit of the motor's balance: 6.27 mV, the product of duty and bus voltage; of the pack's: 3.12
-// mV.
+// Units: 6.27 mV in the motor's balance (product of duty and bus voltage), 3.12 mV in the pack's.
 #define TOLERANCE 96                // 0.6 V of the motor's balance
 #define PACK_MORE (2 * TOLERANCE)   // 0.9 V of the pack's in all
 #define DROP_PER_MOHM_Q16 20        // of A Q9
-#define EMF_Q16_RPM_PER_V 5222400u  // of rpm Q1, times rpm/V; at 160 rpm/V 3000 rpm are 19 V
+#define MOST_MOHM 1638              // factor within 16 bits; R may be 1.75 times as large
+#define EMF_Q16_RPM_PER_V 5222400u  // of rpm Q1, times rpm/V; within 16 bits from 160 rpm/V on
 
 // Quantities of the balances.
 typedef enum {
@@ -31,8 +31,10 @@ INLINE_NEVER static int16_t size(int16_t value) {
 }
 
 void balance_set_motor(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v) {
-    self->drop_q16 = (int16_t)(motor_mohm * DROP_PER_MOHM_Q16);
-    self->emf_q16 = (int16_t)divide_by_u16(EMF_Q16_RPM_PER_V, rpm_per_v);
+    const uint16_t emf_q16 = divide_by_u16(EMF_Q16_RPM_PER_V, rpm_per_v);
+    self->drop_q16 =
+        (int16_t)((motor_mohm < MOST_MOHM ? motor_mohm : MOST_MOHM) * DROP_PER_MOHM_Q16);
+    self->emf_q16 = (int16_t)(emf_q16 < INT16_MAX ? emf_q16 : INT16_MAX);
 }
 
 void balance_reset(Balance *self) {

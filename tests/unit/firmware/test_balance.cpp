@@ -125,6 +125,22 @@ TEST_F(BalanceTest, TheMotorsParametersDecide) {
     EXPECT_TRUE(finds({10.0, 0.0}));
 }
 
+TEST_F(BalanceTest, TheFactorsOfExtremeParametersStayPositive) {
+    balance_set_motor(&balance, 2000, 50);
+    EXPECT_GT(balance.drop_q16, 32000);
+    EXPECT_EQ(balance.emf_q16, INT16_MAX);
+    balance_set_motor(&balance, 10, 950);
+    EXPECT_EQ(balance.drop_q16, 200);
+    EXPECT_EQ(balance.emf_q16, 5497);
+}
+
+TEST_F(BalanceTest, ALoadOfASlowMotorOfHighResistanceIsPlausible) {
+    balance_set_motor(&balance, 2000, 158);
+    EXPECT_FALSE(span({2.0, 170.0, 0.0, 0.0, 1}, 1.0, 0.1));
+    for (const double amps : {-0.3, 0.2, -0.3, 0.1})
+        EXPECT_FALSE(span({2.0, 170.0, 0.0, 0.0, 1}, 1.0, amps));
+}
+
 TEST_F(BalanceTest, AFaultInTheMiddleOfASpanIsFoundInTheNext) {
     const Machine tool;
     for (int k = 0; k < 3; ++k)
