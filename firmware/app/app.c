@@ -145,6 +145,9 @@ static SlowWork slow_work(App *self) {
     } else if (hall_speed_search_due(&self->hall)) {
         hall_speed_search(&self->hall);
         return SLOW_LONG;
+    } else if (balance_due(&self->balance)) {
+        self->faults.contradiction = balance_judge(&self->balance);
+        return SLOW_LONG;
     } else if (param_due(&self->params)) {
         param_step(&self->params);
         self->report.params.table.table_slot = self->params.slot;
@@ -155,12 +158,25 @@ static SlowWork slow_work(App *self) {
     return SLOW_USUAL;
 }
 
+// The balances take ticks with cycles left. Beside an edge they hold the update of STATE, and leave
+// every second tick to it. A release is left out: duty and current change too much within a span.
+static void collect_balance(App *self, bool edge) {
+    if (self->faults.settled_ms < FAULTS_SETTLED_MS || self->faults.under_voltage_ms > 0u ||
+        (edge && (self->report.now_ms & 1u) == 0u)) {
+        return;
+    }
+    if (edge) {
+        self->report.hold_state = true;
+    }
+    balance_collect(&self->balance, &self->measured, self->bridge.row_compare);
+}
+
 // A tick has cycles for one of these: slow work, a slow frame, a second edge, an edge with
 // fold-back, or the computations of a controller at a blow, which last for three ticks. A slow
 // frame that had to wait has priority over slow work in the next tick. Long work, and slow work in
 // a tick with an edge, hold the update of STATE as well; a pending slow frame ends that within two
 // ticks. So does packing a slow frame.
-static void share_tick(App *self) {
+static void share_tick(App *self, bool drives) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
     const bool edges = two_edges || (foldback_active(&self->foldback) && self->hall.new_edges > 0u);
@@ -170,10 +186,16 @@ static void share_tick(App *self) {
     }
     const bool full = self->heavy || self->full_ticks > 0u;
     const SlowWork work = full || self->slow_turn ? SLOW_NONE : slow_work(self);
+    const bool edge = self->hall.new_edges > 0u;
+    const bool packs = telemetry_packs(&self->telemetry);
+    const bool pending = packs || telemetry_sends_slow(&self->telemetry);
     self->report.hold_slow = full || work != SLOW_NONE;
-    self->report.hold_state = full || work == SLOW_LONG ||
-                              (work == SLOW_USUAL && self->hall.new_edges > 0u) ||
-                              (work == SLOW_NONE && telemetry_packs(&self->telemetry));
+    self->report.hold_state =
+        full || work == SLOW_LONG || (work == SLOW_USUAL && edge) || (work == SLOW_NONE && packs);
+    self->slow_turn = self->report.hold_slow && pending;
+    if (drives && !self->report.hold_slow && !pending) {
+        collect_balance(self, edge);
+    }
 }
 
 void app_tick(App *self, uint8_t ticks_late) {
@@ -192,8 +214,7 @@ void app_tick(App *self, uint8_t ticks_late) {
     }
     profile_tick(&self->control.profile, drives);
     h_bridge_stage(&self->bridge, drive_step(self));
-    share_tick(self);
-    self->slow_turn = self->report.hold_slow && telemetry_slow_pending(&self->telemetry);
+    share_tick(self, drives);
     report_tick(self);
     if (!drives && self->modes.state != MODES_STOPPED) {
         control_ready(&self->control, self->mode, self->modes.reverse, self->params.value);

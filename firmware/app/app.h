@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "app/balance.h"
 #include "app/control.h"
 #include "app/faults.h"
 #include "app/measure.h"
@@ -38,6 +39,7 @@ typedef struct {
     Measurement measured;
     Faults faults;
     FaultLimits fault_limits;
+    Balance balance;
     Standstill standstill;
     Modes modes;
     Control control;

@@ -42,6 +42,8 @@ void configure_step(App *app) {
         trigger_set_ends(&app->trigger, (uint16_t)value[PARAM_TRIGGER_LOW_COUNT],
                          (uint16_t)value[PARAM_TRIGGER_HIGH_COUNT]);
     } else if (step == STEP_HALL) {
+        balance_set_motor(&app->balance, value[PARAM_MOTOR_MOHM],
+                          (uint16_t)value[PARAM_MOTOR_RPM_PER_V]);
         hall_speed_configure(&app->hall, (uint8_t)value[PARAM_HALL_PULSES],
                              (uint16_t)value[PARAM_HALL_TIMEOUT_MS]);
     } else {

@@ -60,6 +60,8 @@ static int16_t coast(App *app) {
     foldback_reset(&app->foldback);
     app->driving = false;
     app->controlled = false;
+    balance_reset(&app->balance);
+    app->faults.contradiction = false;
     return H_BRIDGE_COAST;
 }
 

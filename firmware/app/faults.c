@@ -99,26 +99,30 @@ static bool find_current_of_open_bridge(Faults *self, const Measurement *m, int1
     return self->open_current_ms == OPEN_MS;
 }
 
-static uint8_t bit_if(bool holds, uint8_t bit) {
-    return holds ? bit : 0u;
-}
-
 void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits,
                  const FaultsDrive *drive) {
     uint8_t active = find_no_edge(self, m, limits->stall_ms, drive);
     count_conditions(self, m, limits);
-    active |= bit_if(m->adc.trips, TELEMETRY_FAULTS_OVER_CURRENT);
-    active |= bit_if(self->under_voltage_ms >= UNDER_VOLTAGE_MS, TELEMETRY_FAULTS_UNDER_VOLTAGE);
-    active |=
-        bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
-    active |= bit_if(self->sensor_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible,
-                     TELEMETRY_FAULTS_SENSOR_LOST);
-    if (find_frozen_current(self, m, drive) ||
+    if (m->adc.trips) {
+        active |= TELEMETRY_FAULTS_OVER_CURRENT;
+    }
+    if (self->under_voltage_ms >= UNDER_VOLTAGE_MS) {
+        active |= TELEMETRY_FAULTS_UNDER_VOLTAGE;
+    }
+    if (self->over_temperature_ms >= OVER_TEMPERATURE_MS) {
+        active |= TELEMETRY_FAULTS_OVER_TEMPERATURE;
+    }
+    if (self->sensor_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible ||
+        self->contradiction || find_frozen_current(self, m, drive) ||
         find_current_of_open_bridge(self, m, drive->compare)) {
         active |= TELEMETRY_FAULTS_SENSOR_LOST;
     }
-    active |= bit_if(m->adc.lost, TELEMETRY_FAULTS_ADC_CADENCE);
-    active |= bit_if(self->overrun, TELEMETRY_FAULTS_OVERRUN);
+    if (m->adc.lost) {
+        active |= TELEMETRY_FAULTS_ADC_CADENCE;
+    }
+    if (self->overrun) {
+        active |= TELEMETRY_FAULTS_OVERRUN;
+    }
     self->overrun = false;
     self->active = active;
     self->latched |= active;

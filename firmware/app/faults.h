@@ -7,7 +7,8 @@
 // | sensor_lost      | the same with the current of a turning shaft; temperature or current      |
 // |                  | sensor out of range; trigger at more than half with an open contact; the  |
 // |                  | same current in 32 driven ticks with an edge while the speed changes by   |
-// |                  | an eighth; more than 3 A for 50 ms through an open bridge                 |
+// |                  | an eighth; more than 3 A for 50 ms through an open bridge; current, bus   |
+// |                  | voltage and speed of a drive contradict each other (balance.h)            |
 // | over_temperature | bridge above the limit for 100 ms                                         |
 // | adc_cadence      | the ring holds more or fewer samples than were scheduled for the tick     |
 // | overrun          | a tick began more than two ticks late                                     |
@@ -46,6 +47,7 @@ typedef struct {
     uint8_t frozen_ticks;      // driven ticks with an edge since the current last changed
     uint8_t open_current_ms;   // with a current through an open bridge
     bool current_implausible;  // offset at rest out of range
+    bool contradiction;        // of current, bus voltage and speed in this drive (balance.h)
     bool overrun;
 } Faults;
 

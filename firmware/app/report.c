@@ -9,8 +9,12 @@
 
 static uint16_t flags_of_start(uint8_t cause, uint8_t params) {
     uint16_t flags = 0;
-    flags |= (cause & RESET_WATCHDOG) != 0u ? TELEMETRY_FLAGS_WATCHDOG_RESET : 0u;
-    flags |= (cause & RESET_BROWN_OUT) != 0u ? TELEMETRY_FLAGS_BROWN_OUT_RESET : 0u;
+    if ((cause & RESET_WATCHDOG) != 0u) {
+        flags |= TELEMETRY_FLAGS_WATCHDOG_RESET;
+    }
+    if ((cause & RESET_BROWN_OUT) != 0u) {
+        flags |= TELEMETRY_FLAGS_BROWN_OUT_RESET;
+    }
     flags |= params == PARAM_BLANK || params == PARAM_CORRUPT ? TELEMETRY_FLAGS_PARAM_DEFAULTS : 0u;
     flags |= params == PARAM_UNKNOWN_VERSION
                  ? TELEMETRY_FLAGS_PARAM_DEFAULTS | TELEMETRY_FLAGS_PARAM_REFUSED
@@ -33,8 +37,12 @@ void report_start(App *app, uint32_t build_hash) {
 
 static void fill_state(const App *app, TelemetryState *state) {
     uint16_t flags = app->kept_flags | app->standing_flags;
-    flags |= param_saving(&app->params) ? TELEMETRY_FLAGS_PARAM_SAVING : 0u;
-    flags |= app->calibrated ? TELEMETRY_FLAGS_CALIBRATED : 0u;
+    if (param_saving(&app->params)) {
+        flags |= TELEMETRY_FLAGS_PARAM_SAVING;
+    }
+    if (app->calibrated) {
+        flags |= TELEMETRY_FLAGS_CALIBRATED;
+    }
     state->trigger = (uint8_t)((uint16_t)((uint16_t)app->trigger.travel_q15 << 1) >> 8);
     state->state = app->modes.state;
     state->mode = app->mode;

@@ -74,8 +74,8 @@ bool telemetry_packs(const Telemetry *self) {
            (self->budget + self->budget_per_tick >= BUDGET_MAX && to_be_packed(self));
 }
 
-bool telemetry_slow_pending(const Telemetry *self) {
-    return self->slow_packed || telemetry_packs(self);
+bool telemetry_sends_slow(const Telemetry *self) {
+    return self->slow_packed;
 }
 
 bool telemetry_health_due(const Telemetry *self) {

@@ -87,8 +87,8 @@ uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const Telem
 uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast,
                        uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
 
-// Whether a slow frame is pending that the next tick has the budget for.
-bool telemetry_slow_pending(const Telemetry *self);
+// Whether a slow frame has been packed and waits for its CRC and sending.
+bool telemetry_sends_slow(const Telemetry *self);
 
 // Whether this tick packs a slow frame, or takes a parameter into the CRC of a dump, unless one is
 // sent that has been packed.

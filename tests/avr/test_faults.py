@@ -34,15 +34,20 @@ LIMITS: dict[str, tuple[float | None, str]] = {
     "contact_bounce": (None, ""),
     "line_errors": (None, ""),
     "current_stuck": (None, "sensor_lost"),
-    "current_offset": (None, "sensor_lost"),
-    "adc_reference": (None, "sensor_lost"),
+    "current_offset": (250.0, "sensor_lost"),
+    "adc_reference": (250.0, "sensor_lost"),
 }
+# Found at 3000 rpm or more (firmware/app/balance.h): the approach in mode torque is slower.
+FOUND_AT_SPEED = {"current_offset", "adc_reference"}
+SLOW_MODE = "torque"
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_drive_ends_in_time_and_the_fault_is_named(name: str) -> None:
-    limit_ms, named = LIMITS[name]
-    for mode in range(len(fault_table.MODES)):
+    for mode, mode_name in enumerate(fault_table.MODES):
+        limit_ms, named = LIMITS[name]
+        if name in FOUND_AT_SPEED and mode_name == SLOW_MODE:
+            limit_ms = None
         found = fault_table.outcome(name, mode, 0)
         assert not named or found.ended_before or named in found.named, found
         if found.opened_ms is None:

@@ -1,6 +1,6 @@
-"""False trips and detection of a wrong current sensor (firmware/app/faults.c), native firmware:
-drawn runs of every controller with a drawn tool, without a fault and with each fault of a sensor.
-plausibility.py [--runs N] [--faulty N] [--jobs N]
+"""False trips and detection of a wrong current sensor (firmware/app/faults.c, balance.c), native
+firmware: drawn runs of every controller with a drawn tool, without a fault and with each fault of a
+sensor. plausibility.py [--runs N] [--faulty N] [--first N] [--jobs N]
 """
 
 import argparse
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from vgroove import lockstep
+from vgroove.control_bench.runs import front_ends
 from vgroove.faults import FAULTS, FaultyBoard, Injection
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.scenario import Command, Scenario, command_messages, make_plant
@@ -38,6 +39,9 @@ CONSTANT, RESISTANCE, INERTIA, FRICTION = (0.9, 1.05), (0.9, 1.45), (0.9, 1.1), 
 PACK_OHM, VOLTS, TRAVEL = (0.0, 0.2), (16.0, 20.5), (0.3, 1.0)
 REVERSE_SHARE = 0.15
 QUIET_SHARE = 1 / 3  # of runs without noise: what a simulator without noise shows
+NOISE = (0.5, 2.0)  # relative to the sensors of the reference drive
+MOVED_SHARE = 0.5  # of runs whose trigger moves during the first drive
+MOVES, MOVE_S = 7, (0.004, 0.03)  # most of these moves, and their duration
 RAMPED_SHARE = 0.5  # of runs whose release ramps down
 AGAIN_S, HELD_S = (0.03, 0.4), (0.05, 0.6)  # pause before the trigger is pulled again, and how long
 JAMS_NM = (15.0, 40.0)  # of the drill driver in low gear, beside loads of 0 to 12 N m
@@ -87,9 +91,36 @@ def drawn_scenario(number: int) -> tuple[int, Scenario]:
     return mode, drawn_tool(replace(scenario, profile=profile, duration_s=duration_s), rng)
 
 
+def moved_trigger(
+    travel: tuple[tuple[float, float], ...], rng: np.random.Generator
+) -> tuple[tuple[float, float], ...]:
+    """The travel with moves to drawn levels while the trigger is held for the first time."""
+    (*pulled, begin), end = travel[:3], travel[3]
+    times = np.sort(rng.uniform(begin[0], end[0] - MOVE_S[1], int(rng.integers(1, MOVES + 1))))
+    points, level = [*pulled, begin], begin[1]
+    for time_s in times:
+        if time_s > points[-1][0]:
+            points.append((float(time_s), level))
+            level = float(rng.uniform(*TRAVEL))
+            points.append((float(time_s + rng.uniform(*MOVE_S)), level))
+    return (*points, (end[0], level), *travel[4:])
+
+
+def drawn_front(scenario: Scenario, number: int) -> lockstep.FrontEnds:
+    """The board's sensors with drawn noise, or none where the scenario has none."""
+    share = float(np.random.default_rng([20261128, number]).uniform(*NOISE))
+    noisy = front_ends(scenario.noise)
+    return replace(
+        noisy,
+        current_noise_a=share * noisy.current_noise_a,
+        supply_noise_v=share * noisy.supply_noise_v,
+    )
+
+
 def used_by_hand(scenario: Scenario, number: int) -> Scenario:
-    """The scenario with a drawn release mode, up to three further pulls of the trigger soon after
-    the release, and sensors without noise in a share QUIET_SHARE of the runs.
+    """The scenario with a drawn release mode, moves of the trigger in a share MOVED_SHARE of the
+    runs, up to three further pulls soon after the release, and sensors without noise in a share
+    QUIET_SHARE.
     """
     rng = np.random.default_rng([20261127, number])
     travel, now = list(scenario.profile.travel), scenario.profile.travel[-1][0]
@@ -102,6 +133,8 @@ def used_by_hand(scenario: Scenario, number: int) -> Scenario:
     index = [parameter.name for parameter in parameter_list()].index("release_mode")
     ramped = int(rng.random() < RAMPED_SHARE)
     write = Command(0.1, "PARAM_WRITE", {"write_index": index, "write_value": ramped})
+    if rng.random() < MOVED_SHARE:
+        travel = list(moved_trigger(tuple(travel), rng))
     return replace(
         scenario,
         profile=replace(scenario.profile, travel=tuple(travel)),
@@ -123,7 +156,7 @@ def outcome(run: Run) -> dict[str, Any]:
     if run.fault:
         board = FaultyBoard(board, Injection(FAULTS[run.fault], at_s), scenario.seed)
     options = lockstep.LockstepOptions(
-        front=scenario.front_ends(),
+        front=drawn_front(scenario, run.number),
         line=lockstep.Script(command_messages(scenario.commands)),
         seed=scenario.seed,
     )
@@ -164,17 +197,17 @@ def with_fault(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def plausibility(runs: int, faulty: int, jobs: int) -> dict[str, Any]:
-    """Figures of all runs, without a fault and with each fault. The runs are distributed over
-    processes, because a process holds one instance of the native firmware.
+def plausibility(runs: int, faulty: int, jobs: int, first: int = 0) -> dict[str, Any]:
+    """Figures of all runs, from number `first` on, without a fault and with each fault. The runs
+    are distributed over processes, because a process holds one instance of the native firmware.
     """
     with ProcessPoolExecutor(jobs) as pool:
         of = partial(pool.map, outcome, chunksize=4)
         found: dict[str, Any] = {
-            "without_fault": without_fault(of([Run(n) for n in range(runs)])),
+            "without_fault": without_fault(of([Run(first + n) for n in range(runs)])),
         }
         for fault in SENSOR_FAULTS:
-            found[fault] = with_fault(of([Run(n, fault) for n in range(faulty)]))
+            found[fault] = with_fault(of([Run(first + n, fault) for n in range(faulty)]))
     return found
 
 
@@ -182,9 +215,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=RUNS)
     parser.add_argument("--faulty", type=int, default=FAULTY_RUNS)
+    parser.add_argument("--first", type=int, default=0, help="number of the first run")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
-    found = plausibility(options.runs, options.faulty, options.jobs)
+    found = plausibility(options.runs, options.faulty, options.jobs, options.first)
     sys.stdout.write(json.dumps(found, indent=1) + "\n")
     return int(found["without_fault"]["false_trips"] > 0)
 

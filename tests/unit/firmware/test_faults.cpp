@@ -101,6 +101,16 @@ TEST_F(FaultsTest, NoStallBelowSixPercentNorWithEdgesNorCoasting) {
     EXPECT_EQ(ticks_to(0xFF, 16), 501);
 }
 
+TEST_F(FaultsTest, AContradictionOfTheBalancesIsALostSensor) {
+    faults.contradiction = true;
+    EXPECT_EQ(ticks_to(0xFF, 128, 10, true), 1);
+    EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_SENSOR_LOST);
+    faults.contradiction = false;
+    tick(H_BRIDGE_COAST);
+    EXPECT_EQ(faults.active, 0);
+    EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_SENSOR_LOST) << "latched";
+}
+
 TEST_F(FaultsTest, ACurrentThatStaysWhileTheSpeedChangesIsALostSensor) {
     m.current_a_q9 = 20 * 512;
     m.speed_rpm_q1 = 2 * 8000;

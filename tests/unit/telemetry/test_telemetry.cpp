@@ -95,10 +95,10 @@ TEST(Telemetry, ASlowFrameTakesTwoTicksAndIsHeldOnRequest) {
     Line line;
     for (int k = 0; k < 500; ++k)
         line.tick();
-    ASSERT_FALSE(telemetry_slow_pending(&line.telemetry));
+    ASSERT_FALSE(telemetry_packs(&line.telemetry));
     const TelemetryAck ack{};
     telemetry_ack(&line.telemetry, &ack);
-    EXPECT_TRUE(telemetry_slow_pending(&line.telemetry));
+    EXPECT_TRUE(telemetry_packs(&line.telemetry));
     line.in.hold_slow = true;
     line.tick();
     EXPECT_TRUE(telemetry_ack_pending(&line.telemetry));
