@@ -221,7 +221,9 @@ def impact_command(
 
 @app.command("fixed-point")
 def fixed_point_command(
-    draws: Annotated[int, typer.Option(min=0, max=200, help="Drawn runs of each controller.")] = 40,
+    draws: Annotated[
+        int, typer.Option(min=0, max=1000, help="Drawn runs of each controller.")
+    ] = 200,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the drawn runs.")] = 1,
     repeats: Annotated[
         int, typer.Option(min=1, max=10_000, help="Repetitions for the time on this computer.")
