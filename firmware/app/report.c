@@ -15,10 +15,12 @@ static uint16_t flags_of_start(uint8_t cause, uint8_t params) {
     if ((cause & RESET_BROWN_OUT) != 0u) {
         flags |= TELEMETRY_FLAGS_BROWN_OUT_RESET;
     }
-    flags |= params == PARAM_BLANK || params == PARAM_CORRUPT ? TELEMETRY_FLAGS_PARAM_DEFAULTS : 0u;
-    flags |= params == PARAM_UNKNOWN_VERSION
-                 ? TELEMETRY_FLAGS_PARAM_DEFAULTS | TELEMETRY_FLAGS_PARAM_REFUSED
-                 : 0u;
+    if (params == PARAM_BLANK || params == PARAM_CORRUPT) {
+        flags |= TELEMETRY_FLAGS_PARAM_DEFAULTS;
+    }
+    if (params == PARAM_UNKNOWN_VERSION) {
+        flags |= TELEMETRY_FLAGS_PARAM_DEFAULTS | TELEMETRY_FLAGS_PARAM_REFUSED;
+    }
     return flags;
 }
 
@@ -46,10 +48,10 @@ static void fill_state(const App *app, TelemetryState *state) {
     state->trigger = (uint8_t)((uint16_t)((uint16_t)app->trigger.travel_q15 << 1) >> 8);
     state->state = app->modes.state;
     state->mode = app->mode;
-    state->reverse = app->modes.reverse ? 1u : 0u;
+    state->reverse = app->modes.reverse;
     state->faults = app->faults.latched;
     state->flags = flags;
-    state->contact = trigger_contact(&app->trigger) ? 1u : 0u;
+    state->contact = trigger_contact(&app->trigger);
 }
 
 // Saturating sum.
