@@ -9,11 +9,11 @@
 #define SATURATED                                                                                  \
     (TELEMETRY_FLAGS_CURRENT_SATURATED | TELEMETRY_FLAGS_SPEED_SATURATED |                         \
      TELEMETRY_FLAGS_SUPPLY_SATURATED)
-// Units: 6.27 mV in the motor's balance (product of duty and bus voltage), 3.12 mV in the pack's.
-#define TOLERANCE 96                // 0.6 V of the motor's balance
-#define PACK_MORE (2 * TOLERANCE)   // 0.9 V of the pack's in all
+// Voltages of the motor's equation are in steps of 6.27 mV, those of the pack's in 3.12 mV.
+#define TOLERANCE 96                // 0.6 V of the motor's equation
+#define PACK_MORE (2 * TOLERANCE)   // added to TOLERANCE: 0.9 V of the pack's equation
 #define DROP_PER_MOHM_Q16 20        // of A Q9
-#define MOST_MOHM 1638              // factor within 16 bits; R may be 1.75 times as large
+#define MOST_MOHM 1638              // a greater one would overflow the factor's 16 bits
 #define EMF_Q16_RPM_PER_V 5222400u  // of rpm Q1, times rpm/V; within 16 bits from 160 rpm/V on
 
 // Quantities of the balances.
@@ -85,7 +85,8 @@ static bool contradicts(const Balance *self) {
                   (int16_t)(size(pack) + PACK_MORE));
 }
 
-// Puts the means of the span into `change`.
+// Stores the mean of each quantity over the span in `change`, where balance_judge() then puts its
+// change.
 static void take_means(Balance *self) {
     BalanceTerm *const term = self->term;
     term[EMF].change = product(self->speed_sum, self->emf_q16);

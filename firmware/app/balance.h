@@ -1,18 +1,20 @@
 // Plausibility of current sensor and bus voltage during a drive: two balances that hold between any
 // two spans of a drive, whatever the load does (parity equations with uncertain parameters).
 //
-//   motor:  D(duty Vs) = R D(i) + k D(speed)    R 0.75 to 1.75, k 0.87 to 1.12 of the parameters
-//   pack:   D(Vs) = -Rp D(duty i)               Rp 0 to 0.4 ohm
+//   motor:  D(duty Vs) = R D(i) + k D(speed)
+//   pack:   D(Vs) = -Rp D(duty i)
 //
+// R is 0.75 to 1.75 times the parameter motor_mohm, k 0.87 to 1.12 times 1 / motor_rpm_per_v, Rp 0
+// to 0.4 ohm.
 // D is the change from the span before the last: a difference contains neither the drop of brushes
 // and bridge nor the open-circuit voltage. The sensors contradict each other where no R and k
-// within these ranges explain the change to within 0.6 V, or no Rp to within 0.9 V. A step of the
-// current sensor by 8 A is 1.5 V in the first balance, a reference that is 9 % low 1.8 V in the
-// second; a contact of the pack that changes by 36 mohm at 25 A is 0.9 V.
+// within these ranges explain the change to within 0.6 V, or no Rp to within 0.9 V. A current
+// sensor that steps by 8 A violates the first equation by 1.5 V, an ADC reference that falls by 9 %
+// the second by 1.8 V. The 0.9 V allow a contact of the pack to change by 36 mohm at 25 A.
 //
 // A span is 32 ticks at 3000 rpm or more: below that a missed edge is not detected, and the
-// measured speed is delayed by up to 5 ms. A slower tick restarts the span. Products are those of
-// the means.
+// measured speed is delayed by up to 5 ms. A slower tick restarts the span. A
+// product is that of the means of its factors.
 #ifndef VGROOVE_APP_BALANCE_H
 #define VGROOVE_APP_BALANCE_H
 
@@ -37,10 +39,10 @@ typedef struct {
     int16_t compare_sum;
     uint16_t supply_sum;  // 25 mV
     BalanceTerm term[BALANCE_TERMS];
-    int16_t drop_q16;  // motor's factors of the sums of current and speed
-    int16_t emf_q16;
-    uint8_t ticks;  // in the sums
-    uint8_t spans;  // in `last` and `before`, up to 2
+    int16_t drop_q16;  // R, a factor of current_sum
+    int16_t emf_q16;   // k, a factor of speed_sum
+    uint8_t ticks;     // in the sums
+    uint8_t spans;     // in `last` and `before`, up to 2
 } Balance;
 
 void balance_set_motor(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v);

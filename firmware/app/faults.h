@@ -47,7 +47,7 @@ typedef struct {
     uint8_t frozen_ticks;      // driven ticks with an edge since the current last changed
     uint8_t open_current_ms;   // with a current through an open bridge
     bool current_implausible;  // offset at rest out of range
-    bool contradiction;        // of current, bus voltage and speed in this drive (balance.h)
+    bool contradiction;        // current, bus voltage and speed do not fit each other (balance.h)
     bool overrun;
 } Faults;
 

@@ -94,7 +94,9 @@ def drawn_scenario(number: int) -> tuple[int, Scenario]:
 def moved_trigger(
     travel: tuple[tuple[float, float], ...], rng: np.random.Generator
 ) -> tuple[tuple[float, float], ...]:
-    """The travel with moves to drawn levels while the trigger is held for the first time."""
+    """Points (time in s, level) of the trigger's travel, with changes to random levels during the
+    first pull.
+    """
     (*pulled, begin), end = travel[:3], travel[3]
     times = np.sort(rng.uniform(begin[0], end[0] - MOVE_S[1], int(rng.integers(1, MOVES + 1))))
     points, level = [*pulled, begin], begin[1]

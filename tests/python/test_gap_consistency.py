@@ -174,8 +174,9 @@ def test_the_response_to_a_size_is_the_derivative_of_a_smooth_effect(
 def test_the_response_to_a_size_is_the_whole_effect_where_the_derivative_is_another(
     state: str, request: pytest.FixtureRequest
 ) -> None:
-    """With a derivative that fits nothing every part would confirm the size of all rows; the whole
-    effect has the same size in all parts only if it is there.
+    """The derivative is replaced by noise. The regression in each part then returns the size of
+    all rows, whether the effect is there or not; with the whole effect the size is the same in all
+    parts only if it is there.
     """
     search = request.getfixturevalue(state)
     best, rng = search.fits[("coulomb_friction",)], np.random.default_rng(4)

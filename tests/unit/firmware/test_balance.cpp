@@ -1,5 +1,6 @@
-// Balances of motor and pack: plausible for every load, motor and pack within their ranges; a step
-// of current sensor or bus voltage is found just above the tolerance, not just below it.
+// Voltage equations of motor and pack: no fault is found at any load while motor and pack are
+// within their ranges; a step of the current sensor or of the bus voltage is found just above the
+// tolerance, not just below it.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -43,7 +44,7 @@ struct BalanceTest : testing::Test {
         return static_cast<int16_t>(std::lround(tool.sign * 255 * duty));
     }
 
-    // A span of such ticks; whether it is implausible.
+    // Runs a whole span at this duty and current; returns whether a contradiction is found.
     bool span(const Machine &tool, double duty, double amps, SensorFault fault = {}) {
         const int16_t compare = turn(tool, duty, amps, fault);
         for (unsigned k = 0; k < BALANCE_TICKS; ++k) {
@@ -62,7 +63,7 @@ struct BalanceTest : testing::Test {
         return found;
     }
 
-    // Whether a fault that begins after three spans of the same drive is found.
+    // Runs three spans without and one with the fault; returns whether it is found.
     bool finds(SensorFault fault, const Machine &tool = {}) {
         balance_reset(&balance);
         for (int k = 0; k < 3; ++k)
@@ -96,7 +97,8 @@ TEST_F(BalanceTest, AStepOfTheCurrentSensorBy8AIsFoundInBothDirections) {
             EXPECT_TRUE(finds({amps, 0.0}, {MOTOR_OHM, MOTOR_RPM_PER_V, 0.0, 0.8, sign}));
 }
 
-// The least resistance, 0.75 of 0.19 ohm, makes 0.6 V of 4.2 A; the parameter's factor is 2 % low.
+// At the least resistance, 0.75 * 0.19 ohm, 4.2 A cause a voltage drop of 0.6 V. The rounded factor
+// of the resistance is 2 % too low.
 TEST_F(BalanceTest, TheToleranceOfTheMotorsBalanceIs600mV) {
     EXPECT_FALSE(finds({4.1, 0.0}));
     EXPECT_FALSE(finds({-4.1, 0.0}));

@@ -282,10 +282,11 @@ class Search:
         return abs(difference) <= COMPARISON.chance_gain
 
     def equal_up_to_form_error(self, one: Fit, best: Fit) -> bool:
-        """Whether a set loses less than the minimum effect size where the model's discrepancy, not
-        the sensors' noise, is the unit of the comparison. A discrepancy is much the same in every
-        block, so that the bootstrap takes a small difference for significant that the form of
-        either effect may cause.
+        """Whether the squared gap of a set exceeds that of the best by less than the minimum effect
+        size, where the standard deviations include the model's discrepancy (rescale()).
+
+        An error in the form of an effect repeats in every block. The bootstrap over blocks then
+        takes even a small difference that it causes for significant.
         """
         lost = self.score(one) - self.score(best)
         return self.floor_power < 1.0 and lost <= self.min_gain(best)

@@ -43,7 +43,7 @@ class ConsistencyLimits:
     # must close where no division has two parts that show it
     min_closed_undivided: float = 0.9
     # least cosine of the angle between the derivative by the size and what the whole effect
-    # changes; 0.7 to 1.0 for single smooth effects, below 0.3 for a backlash (gap_method.md)
+    # changes; chosen on the tuning half of the blind set, regime `measured`
     min_tangent_cosine: float = 0.5
     # standard deviation of the size in a part, above which the part does not show the effect
     max_part_sigma: float = 1.0
@@ -119,8 +119,8 @@ def sensitivity(best: Fit, effect_id: str) -> np.ndarray:
 def size_response(search: Search, best: Fit, effect_id: str) -> np.ndarray:
     """Change of the residuals (n,) for an added size of 1: the derivative (sensitivity()), or,
     where this is not what the effect changes, the difference to the model without it (its secant).
-    The derivative by the width of a backlash moves the instants of its contacts, which fits
-    nothing: each part of a log would then seem to confirm the size of all rows.
+    The derivative by the width of a backlash, for example, is large only where its contacts shift
+    in time. A regression on it returns the size of all rows in every part, whatever the log.
     """
     tangent = sensitivity(best, effect_id)
     column = search.problem.index(BY_ID[effect_id].name(BY_ID[effect_id].leading))
