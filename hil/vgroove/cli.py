@@ -318,6 +318,14 @@ def hil(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of --port.")] = 1_000_000,
+    kernel_workers: Annotated[
+        bool,
+        typer.Option(
+            "--kernel-workers",
+            help="Real-time priority during the run for the threads of the Linux kernel that pass "
+            "the port's bytes on (root only).",
+        ),
+    ] = False,
 ) -> None:
     """Hardware in the loop: simulate the scenario's tool in real time against a board that runs the
     build for real-time runs (docs/hil.md).
@@ -329,7 +337,7 @@ def hil(
 
     scenario = read_scenario(scenario_path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
-    options = HilOptions(port, bus, baud, output, json_path, timing)
+    options = HilOptions(port, bus, baud, output, json_path, timing, kernel_workers)
     run_hil(scenario, options, Console(stderr=True))
 
 

@@ -259,6 +259,8 @@ def real_time() -> list[str]:
             f"{run['latency_ticks']['median']:g}, {run['latency_ticks']['99 %']:g}, "
             f"{run['latency_ticks']['99.9 %']:g}, {run['latency_ticks']['worst']:g}",
             run["late_steps"],
+            run["late_steps_without_pause_of_computer"],
+            f"{run['pauses_of_computer']['count']}, {run['pauses_of_computer']['worst_ms']:.1f} ms",
             run["bridge_opened"],
             run["machine"]["before"]["load_1min"],
         )
@@ -272,6 +274,8 @@ def real_time() -> list[str]:
         "jitter / ms: median, 99 %, 99.9 %, worst",
         "latency / ticks: median, 99 %, 99.9 %, worst",
         "late steps",
+        "late without a pause of the computer",
+        "pauses of the computer, longest",
         "bridge opened",
         "load before",
     )

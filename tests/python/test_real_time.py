@@ -302,8 +302,8 @@ def test_waits_and_latency_are_counted() -> None:
     figures = timing_figures(made_run({700: 3, 900: 1}, 0.0))
     assert figures["held_ticks"] == 4
     assert figures["late_steps"] == [
-        {"tick": 700, "held_ticks": 3},
-        {"tick": 900, "held_ticks": 1},
+        {"tick": 700, "held_ticks": 3, "pause_of_computer": False},
+        {"tick": 900, "held_ticks": 1, "pause_of_computer": False},
     ]
     assert figures["latency_ticks"]["median"] == 2 and figures["latency_ticks"]["worst"] == 5
     assert figures["period_s"]["median"] == pytest.approx(1e-3, abs=1e-5)

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from vgroove.real_time.exchange import RealTimeRun, run_in_real_time
 from vgroove.real_time.figures import late_sentence, timing_figures, timing_rows
 from vgroove.real_time.frames import TICK_S
 from vgroove.real_time.link import BusLink, Link, SerialLink
+from vgroove.real_time.priority import workers_prioritised
 from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.recording_files import file_type
 from vgroove.run import RunLog
@@ -47,7 +48,9 @@ ROWS = (
 
 @dataclass(frozen=True)
 class HilOptions:
-    """The line to the board, of which one is given, and the files to write."""
+    """The line to the board, of which one is given, the files to write, and whether the kernel's
+    workers get real-time priority.
+    """
 
     port: str | None = None
     bus: str | None = None
@@ -55,6 +58,7 @@ class HilOptions:
     output: Path | None = None
     json_path: Path | None = None
     timing: Path | None = None
+    kernel_workers: bool = False
 
 
 @contextmanager
@@ -82,7 +86,8 @@ def run_hil(scenario: Scenario, options: HilOptions, errors: Console) -> None:
         try:
             with _link(options) as link, seconds_bar(scenario.duration_s, console=errors) as bar:
                 tool = ToolTicks(scenario)
-                run_in_real_time(link, tool, ticks, run, lambda k: bar.move_to(k * TICK_S))
+                with workers_prioritised() if options.kernel_workers else nullcontext():
+                    run_in_real_time(link, tool, ticks, run, lambda k: bar.move_to(k * TICK_S))
         except (VgrooveError, KeyboardInterrupt, Terminated):
             _write(run, options, errors)
             raise

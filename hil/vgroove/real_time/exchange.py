@@ -2,11 +2,8 @@
 next out. The board's timer sets the pace; the host answers.
 """
 
-import gc
-import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from vgroove.errors import VgrooveError
@@ -21,6 +18,8 @@ from vgroove.real_time.frames import (
     sense_frames,
 )
 from vgroove.real_time.link import Link
+from vgroove.real_time.pauses import Pauses, watch_pauses
+from vgroove.real_time.priority import undisturbed
 from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.telemetry import Counters, Frame, frame_bytes, frame_of
 
@@ -30,7 +29,6 @@ WAIT_S = 1e-3
 SEND_AGAIN_TICKS = 2.5  # of the board without an answer: inputs or answer are lost
 SILENT_S = 1.0
 AHEAD = 2  # a command acts from the next tick on: the inputs that follow are of the one after it
-FIFO_PRIORITY = 10
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class Exchange:
 class RealTimeRun:
     """What a run has received: exchanges in the order of ticks, the telemetry's bytes, damage, how
     often inputs were sent again, and the ticks after which the board opened the bridge because
-    inputs were missing.
+    inputs were missing. `pauses` is None where they were not watched.
     """
 
     exchanges: list[Exchange] = field(default_factory=list)
@@ -59,6 +57,7 @@ class RealTimeRun:
     sent_again: int = 0
     safe_ticks: list[int] = field(default_factory=list)
     prioritised: bool = False
+    pauses: Pauses | None = None
 
 
 class BoardClock:
@@ -76,28 +75,6 @@ class BoardClock:
             self._first = drive.clock_tick
         self._ticks += (drive.clock_tick - self._ticks) % 256
         return (self._ticks - self._first) * TICK_S + drive.clock_count * CLOCK_COUNT_S
-
-
-@contextmanager
-def undisturbed() -> Iterator[bool]:
-    """No garbage collection and, where permitted, real-time priority (SCHED_FIFO) in the block;
-    the value states the latter.
-    """
-    prioritised = False
-    if hasattr(os, "sched_setscheduler"):
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
-            prioritised = True
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield prioritised
-    finally:
-        gc.enable()
-        gc.unfreeze()
-        if prioritised:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 class _Host:
@@ -201,6 +178,7 @@ class _Host:
         )
         self._run.exchanges.append(exchange)
         self._next = drive.tick + 1
+        self._tool.prepare()
 
     def _send(self, inputs: TickInputs) -> None:
         commands = self._tool.command_frames(inputs.tick)
@@ -229,5 +207,5 @@ def run_in_real_time(
     run.counters = link.counters
     host.start()
     link.counters.__init__()
-    with undisturbed() as run.prioritised:
+    with undisturbed() as run.prioritised, watch_pauses() as run.pauses:
         host.run(progress)

@@ -63,7 +63,7 @@ def timing_figures(run: RealTimeRun) -> dict[str, Any]:
     # the answer to the command of tick k is in the command of tick k + 2
     latency = clock_ticks[2:] - clock_ticks[:-2]
     late = np.flatnonzero(held) + 1
-    clock = fit_clock(received, board)
+    clock, pauses = fit_clock(received, board), run.pauses
     corrupt, skipped = run.counters.corrupt, run.counters.skipped_bytes
     return {
         "exchanges": len(exchanges),
@@ -72,7 +72,17 @@ def timing_figures(run: RealTimeRun) -> dict[str, Any]:
         "step_s": quantiles(np.array([e.step_s for e in exchanges])),
         "latency_ticks": quantiles(latency),
         "held_ticks": int(held.sum()),
-        "late_steps": [{"tick": int(tick[k]), "held_ticks": int(held[k - 1])} for k in late],
+        "late_steps": [
+            {
+                "tick": int(tick[k]),
+                "held_ticks": int(held[k - 1]),
+                "pause_of_computer": pauses is not None and pauses.explain(float(received[k])),
+            }
+            for k in late
+        ],
+        "pauses_of_computer": None
+        if pauses is None
+        else {"count": len(pauses.spans), "worst_s": pauses.worst_s()},
         "safe_after_ticks": run.safe_ticks,
         "frames_damaged": corrupt,
         "bytes_skipped": skipped,
@@ -97,10 +107,20 @@ def timing_rows(exchanges: Sequence[Exchange], clock: dict[str, float]) -> list[
 
 
 def late_sentence(figures: dict[str, Any]) -> str:
-    """Which steps were late, or that none was."""
+    """Which steps were late and how many of them because the computer stood still, or that none
+    was.
+    """
     late = figures["late_steps"]
     if not late:
         return "no step was late"
     named = ", ".join(f"{step['tick']} (+{step['held_ticks']} ms)" for step in late[:LISTED])
     more = f" and {len(late) - LISTED} more" if len(late) > LISTED else ""
-    return f"{len(late)} steps were late, the board waited at tick {named}{more}"
+    text = f"{len(late)} steps were late, the board waited at tick {named}{more}"
+    pauses = figures["pauses_of_computer"]
+    if pauses is None:
+        return text
+    within = sum(step["pause_of_computer"] for step in late)
+    worst_ms = 1e3 * pauses["worst_s"]
+    return (
+        f"{text}; {within} of them while the computer itself stood still (up to {worst_ms:.1f} ms)"
+    )
