@@ -2,6 +2,7 @@
 #include "app/balance.h"
 
 #include "core/divide.h"
+#include "core/fixed.h"
 #include "core/inline.h"
 #include "telemetry/telemetry_signals.h"
 
@@ -24,11 +25,6 @@ typedef enum {
     BUS_VOLTAGE,
     PACK_DROP,  // at 0.2 ohm, half of the greatest resistance
 } Term;
-
-// -32768 keeps its value.
-INLINE_NEVER static int16_t size(int16_t value) {
-    return (int16_t)(value < 0 ? -(uint16_t)value : (uint16_t)value);
-}
 
 void balance_set_motor(Balance *self, int16_t motor_mohm, uint16_t rpm_per_v) {
     const uint16_t emf_q16 = divide_by_u16(EMF_Q16_RPM_PER_V, rpm_per_v);
@@ -72,7 +68,7 @@ INLINE_NEVER static int16_t product(int16_t value, int16_t factor_q16) {
 
 // Whether a change is farther from 0 than the ranges of its factors and the tolerance allow.
 INLINE_NEVER static bool beyond(int16_t change, int16_t range) {
-    return size(change) > range + TOLERANCE;
+    return fixed_magnitude(change) > range + TOLERANCE;
 }
 
 static bool contradicts(const Balance *self) {
@@ -80,9 +76,9 @@ static bool contradicts(const Balance *self) {
     const int16_t emf = self->term[EMF].change;
     const int16_t pack = self->term[PACK_DROP].change;
     const int16_t rest = (int16_t)(self->term[MOTOR_VOLTAGE].change - drop - (drop >> 2) - emf);
-    return beyond(rest, (int16_t)((size(drop) >> 1) + (size(emf) >> 3))) ||
+    return beyond(rest, (int16_t)((fixed_magnitude(drop) >> 1) + (fixed_magnitude(emf) >> 3))) ||
            beyond((int16_t)(self->term[BUS_VOLTAGE].change + pack),
-                  (int16_t)(size(pack) + PACK_MORE));
+                  (int16_t)(fixed_magnitude(pack) + PACK_MORE));
 }
 
 // Stores the mean of each quantity over the span in `change`, where balance_judge() then puts its

@@ -25,18 +25,13 @@ static uint8_t held_for(bool holds, uint8_t ticks, uint8_t limit) {
     return (uint8_t)(ticks < limit ? ticks + 1u : limit);
 }
 
-// Absolute value, of a negative value less 1: -32768 does not overflow.
-static int16_t magnitude(int16_t value) {
-    return (int16_t)(value < 0 ? -(int16_t)(value + 1) : value);
-}
-
 // |duty| Vs / |i| < 0.5 ohm. For the reference motor of docs/spec/model.md, section 4, this ratio
 // is 0.29 ohm at rest (pack and winding), 0.6 ohm turning at 30 A, and 10 ohm turning without load.
 INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compare) {
     const uint32_t current_ma =
-        fixed_byte_down((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 1;
+        fixed_byte_down((uint32_t)(uint16_t)fixed_magnitude(m->current_a_q9) * 1000u) >> 1;
     return current_ma * HAL_COMPARE_MAX >
-           2u * ((uint32_t)m->supply_mv * (uint16_t)magnitude(compare));
+           2u * ((uint32_t)m->supply_mv * (uint16_t)fixed_magnitude(compare));
 }
 
 static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_ms,
@@ -46,7 +41,7 @@ static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_m
     if (drive->new_edge || !drive->goes_on) {
         self->no_edge_ms = 0;
     }
-    if (drive->new_edge || open || magnitude(drive->compare) < STALL_COMPARE_MIN) {
+    if (drive->new_edge || open || fixed_magnitude(drive->compare) < STALL_COMPARE_MIN) {
         return 0;
     }
     if (self->no_edge_ms < stall_ms) {
@@ -86,12 +81,14 @@ static bool find_frozen_current(Faults *self, const Measurement *m, const Faults
         self->frozen_ticks++;
         return false;
     }
-    const int16_t change = (int16_t)(magnitude(m->speed_rpm_q1) - magnitude(self->frozen_rpm_q1));
-    return magnitude(change) > (int16_t)(magnitude(self->frozen_rpm_q1) >> 3) + FROZEN_RPM_Q1;
+    const int16_t change =
+        (int16_t)(fixed_magnitude(m->speed_rpm_q1) - fixed_magnitude(self->frozen_rpm_q1));
+    return fixed_magnitude(change) >
+           (int16_t)(fixed_magnitude(self->frozen_rpm_q1) >> 3) + FROZEN_RPM_Q1;
 }
 
 static bool find_current_of_open_bridge(Faults *self, const Measurement *m, int16_t compare) {
-    if (compare != H_BRIDGE_COAST || magnitude(m->current_a_q9) <= OPEN_MAX_A_Q9) {
+    if (compare != H_BRIDGE_COAST || fixed_magnitude(m->current_a_q9) <= OPEN_MAX_A_Q9) {
         self->open_current_ms = 0;
         return false;
     }

@@ -69,9 +69,9 @@
 #define SEEN_PERIOD 2u  // the period is known for the first time
 #define SEEN_MAX 3u
 
-// Computation that the next tick does: setpoints a tick after the start, a blow after its valley,
-// the means after the blow.
-typedef enum { WORK_NONE, WORK_STARTED, WORK_SETPOINTS, WORK_VALLEY, WORK_MEANS } Work;
+// Computation that the next tick does: setpoints one and two ticks after the start, a blow after
+// its valley, the means after the blow.
+typedef enum { WORK_NONE, WORK_STARTED, WORK_FACTORS, WORK_ANGLES, WORK_VALLEY, WORK_MEANS } Work;
 
 static uint8_t one_more(uint8_t ms) {
     return ms < SINCE_MAX_MS ? (uint8_t)(ms + 1u) : ms;
@@ -101,11 +101,14 @@ INLINE_NEVER static void set_angle(Blow *self, int16_t mean) {
     self->blow_angle = (int16_t)((mean >> 1) + (mean >> 3) + (mean >> 4));
 }
 
-static void take_setpoints(Blow *self, const BlowSetpoints *set) {
+static void take_angles(Blow *self, const BlowSetpoints *set) {
     self->lug_angle = (int16_t)(((uint32_t)set->turn_q8 * ANGLE_PER_TURN_Q7) >> 7);
     set_angle(self, (int16_t)(self->lug_angle + (self->lug_angle >> 3)));  // 1/8: joint
     self->again_rpm =
         (int16_t)(2 * self->lug_angle + (self->lug_angle >> 4));  // over 31 ms, rpm ms / 64
+}
+
+static void take_factors(Blow *self, const BlowSetpoints *set) {
     self->rpm_per_mv_q15 =
         (uint16_t)(((uint32_t)set->motor_rpm_per_v * 16777u) >> 8);  // 2 * 2^15 / 1000
     const uint32_t per_a =
@@ -171,18 +174,20 @@ static void collect(Blow *self, int16_t current_a_q9) {
     }
 }
 
-// The angle is learned upwards from valleys alone that a joint's rotation explains: equal ones, in
-// the time of one swing. Out of step valleys stand for one or two lugs in turn.
-static void learn_angle(Blow *self, int16_t angle) {
+// What the angle of a blow adds to the learned one, times 8. It is learned upwards from valleys
+// alone that a joint's rotation explains: equal ones, in the time of one swing. Out of step valleys
+// stand for one or two lugs in turn.
+static int16_t learnable_angle(Blow *self, int16_t angle) {
     const int16_t off = (int16_t)(angle - self->mean_angle);
     const uint16_t allowed = (uint16_t)self->mean_angle >> EQUAL_SHIFT;
     const uint16_t change = (uint16_t)(self->angle - self->last_angle);
     const bool equal = (uint16_t)(change + allowed) <= (uint16_t)(allowed << 1);
     self->last_angle = self->angle;
-    if (off > 0 && (!equal || self->since_ms > SOFT_MOST_MS)) {
-        return;
-    }
-    const int16_t mean = (int16_t)(self->mean_angle + (off >> MEAN_SHIFT));
+    return off > 0 && (!equal || self->since_ms > SOFT_MOST_MS) ? 0 : off;
+}
+
+static void learn_angle(Blow *self) {
+    const int16_t mean = (int16_t)(self->mean_angle + (self->off_angle >> MEAN_SHIFT));
     const int16_t most = most_angle(self);
     set_angle(self, mean < self->lug_angle ? self->lug_angle : mean > most ? most : mean);
 }
@@ -225,7 +230,7 @@ static void close_blow(Blow *self) {
         const uint16_t since_q4 =
             (uint16_t)((uint16_t)(self->since_ms << 4) + self->last_fraction_q4 - fraction_q4);
         self->period_q4 = self->lugs == 2u ? since_q4 >> 1 : since_q4;
-        learn_angle(self, self->lugs == 2u ? self->angle >> 1 : self->angle);
+        self->off_angle = learnable_angle(self, self->lugs == 2u ? self->angle >> 1 : self->angle);
         self->work = WORK_MEANS;
     }
     self->last_fraction_q4 = fraction_q4;
@@ -235,10 +240,7 @@ static void close_blow(Blow *self) {
 }
 
 static void learn_ripple(Blow *self) {
-    const int16_t ripple =
-        (int16_t)(self->high_rpm - self->extreme_rpm);  // the fall; excludes a run-up
-    const int16_t known = self->ripple_rpm;
-    self->high_rpm = self->signal_rpm;
+    const int16_t ripple = self->fall_rpm, known = self->ripple_rpm;
     if (self->seen == SEEN_NONE) {
         set_ripple(self, 0);  // the speeds before it are those of the run-up
     } else {
@@ -312,6 +314,7 @@ static uint8_t repeats_of(const Blow *self, const BlowSetpoints *set) {
 
 // Classifies a valley by the angle since the last blow.
 static void judge(Blow *self, const BlowSetpoints *set) {
+    learn_ripple(self);
     self->lugs = lugs_of(self);
     self->impacting = self->seen > SEEN_NONE;
     if (self->lugs > 0u) {
@@ -329,12 +332,15 @@ INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set, bool edge) {
     if (due == WORK_MEANS && edge && self->since_ms < MEANS_LATEST_MS) {
         return;
     }
-    self->work = due == WORK_STARTED ? WORK_SETPOINTS : WORK_NONE;
-    if (due == WORK_SETPOINTS) {
-        take_setpoints(self, set);
+    self->work = (uint8_t)(due < WORK_ANGLES ? due + 1u : WORK_NONE);
+    if (due == WORK_FACTORS) {
+        take_factors(self, set);
+    } else if (due == WORK_ANGLES) {
+        take_angles(self, set);
     } else if (due == WORK_VALLEY) {
         judge(self, set);
     } else if (due == WORK_MEANS) {
+        learn_angle(self);
         learn_period(self);
     }
 }
@@ -349,7 +355,8 @@ static void valley(Blow *self, int16_t last_rpm) {
     self->fraction_q4 =
         sixteenths((uint16_t)(self->signal_rpm - self->extreme_rpm - self->hysteresis_rpm),
                    (uint16_t)(self->signal_rpm - last_rpm));
-    learn_ripple(self);
+    self->fall_rpm = (int16_t)(self->high_rpm - self->extreme_rpm);  // excludes a run-up
+    self->high_rpm = self->signal_rpm;
     self->since_hit_ms = 0;
     self->busy = true;
     self->work = WORK_VALLEY;

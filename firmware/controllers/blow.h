@@ -50,6 +50,7 @@ typedef struct {
     int16_t speed_rpm;    // of the source
     int16_t signal_rpm;   // speed_rpm - base_rpm
     int16_t high_rpm;     // greatest signal since the last valley
+    int16_t fall_rpm;     // from there to the last valley
     int16_t extreme_rpm;  // last minimum or maximum of the signal
     int16_t hysteresis_rpm;
     bool rising;
@@ -62,7 +63,7 @@ typedef struct {
     int16_t angle, hit_angle;        // since the last blow; at the last valley. rpm ms / 64
     int16_t charge_q1;               // current integrated over time since the last blow, A ms
     int16_t late_angle;              // share of the last blow's angle that belongs to the next one
-    int16_t last_angle;              // at the last blow
+    int16_t last_angle, off_angle;   // at the last blow; what it adds to mean_angle, times 8
     int16_t lug_angle, mean_angle;   // from lug to lug: least, learned
     int16_t blow_angle;              // 0.69 mean_angle: least angle from blow to blow
     int16_t ahead_angle;             // beyond it a blow counts without a valley

@@ -46,6 +46,13 @@ TEST(Fixed, ClampsToItsEnds) {
     EXPECT_EQ(fixed_clamp_i32(6, 0, 5), 5);
 }
 
+TEST(Fixed, MagnitudeIsNeverNegativeAndOffByOneAtMost) {
+    for (int32_t value = INT16_MIN; value <= INT16_MAX; ++value) {
+        const int16_t magnitude = fixed_magnitude(static_cast<int16_t>(value));
+        ASSERT_EQ(magnitude, value < 0 ? -value - 1 : value);
+    }
+}
+
 TEST(Slew, NeverPassesTheTargetNorTheRate) {
     EXPECT_EQ(slew_towards(0, 197, 197), 197);
     EXPECT_EQ(slew_towards(0, 198, 197), 197);
