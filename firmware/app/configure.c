@@ -5,6 +5,7 @@
 typedef enum {
     STEP_LIMITS,
     STEP_TRIGGER,
+    STEP_BALANCE,
     STEP_HALL,
     STEP_PITCH,
     STEP_DONE = STEP_PITCH + HALL_SPACING_PITCHES,
@@ -41,9 +42,10 @@ void configure_step(App *app) {
     } else if (step == STEP_TRIGGER) {
         trigger_set_ends(&app->trigger, (uint16_t)value[PARAM_TRIGGER_LOW_COUNT],
                          (uint16_t)value[PARAM_TRIGGER_HIGH_COUNT]);
-    } else if (step == STEP_HALL) {
+    } else if (step == STEP_BALANCE) {
         balance_set_motor(&app->balance, value[PARAM_MOTOR_MOHM],
                           (uint16_t)value[PARAM_MOTOR_RPM_PER_V]);
+    } else if (step == STEP_HALL) {
         hall_speed_configure(&app->hall, (uint8_t)value[PARAM_HALL_PULSES],
                              (uint16_t)value[PARAM_HALL_TIMEOUT_MS]);
     } else {

@@ -240,7 +240,10 @@ static void close_blow(Blow *self) {
 }
 
 static void learn_ripple(Blow *self) {
-    const int16_t ripple = self->fall_rpm, known = self->ripple_rpm;
+    const int16_t ripple =
+        (int16_t)(self->high_rpm - self->extreme_rpm);  // the fall; excludes a run-up
+    const int16_t known = self->ripple_rpm;
+    self->high_rpm = self->signal_rpm;
     if (self->seen == SEEN_NONE) {
         set_ripple(self, 0);  // the speeds before it are those of the run-up
     } else {
@@ -314,7 +317,6 @@ static uint8_t repeats_of(const Blow *self, const BlowSetpoints *set) {
 
 // Classifies a valley by the angle since the last blow.
 static void judge(Blow *self, const BlowSetpoints *set) {
-    learn_ripple(self);
     self->lugs = lugs_of(self);
     self->impacting = self->seen > SEEN_NONE;
     if (self->lugs > 0u) {
@@ -355,8 +357,7 @@ static void valley(Blow *self, int16_t last_rpm) {
     self->fraction_q4 =
         sixteenths((uint16_t)(self->signal_rpm - self->extreme_rpm - self->hysteresis_rpm),
                    (uint16_t)(self->signal_rpm - last_rpm));
-    self->fall_rpm = (int16_t)(self->high_rpm - self->extreme_rpm);  // excludes a run-up
-    self->high_rpm = self->signal_rpm;
+    learn_ripple(self);
     self->since_hit_ms = 0;
     self->busy = true;
     self->work = WORK_VALLEY;

@@ -50,7 +50,6 @@ typedef struct {
     int16_t speed_rpm;    // of the source
     int16_t signal_rpm;   // speed_rpm - base_rpm
     int16_t high_rpm;     // greatest signal since the last valley
-    int16_t fall_rpm;     // from there to the last valley
     int16_t extreme_rpm;  // last minimum or maximum of the signal
     int16_t hysteresis_rpm;
     bool rising;
