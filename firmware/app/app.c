@@ -140,7 +140,9 @@ static SlowWork slow_work(App *self) {
     }
     if (no_edge && configure_pending(self)) {
         configure_step(self);
-    } else if (no_edge && calibrate_pitch_due(self)) {
+        return SLOW_LONG;
+    }
+    if (no_edge && calibrate_pitch_due(self)) {
         calibrate_pitch(self);
     } else if (hall_speed_search_due(&self->hall)) {
         hall_speed_search(&self->hall);
