@@ -19,15 +19,14 @@ from vgroove.real_time import timing_figures
 from vgroove.real_time.figures import late_sentence
 from vgroove.real_time.frames import Drive
 from vgroove.real_time.pauses import PROGRAM, Pauses, watch_pauses
-from vgroove.real_time.priority import (
-    WORKER_PREFIX,
-    WORKER_PRIORITY,
-    undisturbed,
-    workers_prioritised,
-)
+from vgroove.real_time.priority import undisturbed, workers_prioritised
 from vgroove.real_time.tool_ticks import ToolTicks
+from vgroove.real_time.worker_priority import PREFIX, PRIORITY
 
 PAUSE_S = 0.03
+
+# two of the tests change the same threads of the kernel
+pytestmark = pytest.mark.xdist_group("kernel_workers")
 
 
 def real_time_is_permitted() -> bool:
@@ -121,7 +120,7 @@ def workers() -> dict[int, int]:
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            if (folder / "comm").read_text().startswith(WORKER_PREFIX):
+            if (folder / "comm").read_text().startswith(PREFIX):
                 found[int(folder.name)] = os.sched_getscheduler(int(folder.name))
     return found
 
@@ -139,20 +138,43 @@ def test_priorities_last_as_long_as_the_run() -> None:
         assert changed
         for process in changed:
             assert within[process] == os.SCHED_FIFO
-            assert os.sched_getparam(process).sched_priority == WORKER_PRIORITY
+            assert os.sched_getparam(process).sched_priority == PRIORITY
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
     after = workers()
     assert all(after[process] == before[process] for process in before if process in after)
 
 
-def test_without_the_right_to_it_the_option_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object) -> None:
-        raise PermissionError
-
-    monkeypatch.setattr("vgroove.real_time.priority._workers", lambda: [os.getpid()])
-    monkeypatch.setattr("os.sched_setscheduler", refused)
+@pytest.mark.skipif(os.getuid() != 0, reason="only root has rights to give up")
+def test_without_the_right_to_it_the_option_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    without = tmp_path / "python"
+    without.write_text(
+        f'#!/bin/sh\nexec setpriv --bounding-set -sys_nice -- {sys.executable} "$@"\n'
+    )
+    without.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(without))
     with pytest.raises(VgrooveError, match="run as root, or without"), workers_prioritised():
         pass
+
+
+@needs_real_time
+def test_the_priorities_are_taken_back_when_the_run_is_killed() -> None:
+    before = workers()
+    if not before:
+        pytest.skip("this system shows no threads of the kernel")
+    script = (
+        "import time\nfrom vgroove.real_time.priority import workers_prioritised\n"
+        "with workers_prioritised():\n    print('begun', flush=True)\n    time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as run:
+        assert run.stdout is not None and run.stdout.readline() == b"begun\n"
+        assert os.SCHED_FIFO in workers().values()
+        run.kill()
+    deadline = time.monotonic() + 5.0
+    while os.SCHED_FIFO in workers().values() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert os.SCHED_FIFO not in workers().values()
 
 
 def test_stimuli_drawn_ahead_change_no_input() -> None:

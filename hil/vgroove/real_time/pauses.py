@@ -4,10 +4,11 @@ priority ran, one watching program for each processor.
 
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from vgroove.real_time.beside_program import start_beside
 
 PROGRAM = Path(__file__).with_name("pause_watch.py")
 # Ticks that the answers to the last commands before a pause take after it
@@ -53,15 +54,9 @@ def _started() -> list[subprocess.Popen[str]]:
     if not hasattr(os, "sched_getaffinity"):
         return programs
     for processor in sorted(os.sched_getaffinity(0)):
-        program = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(PROGRAM), str(processor)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
+        program, first = start_beside(PROGRAM, str(processor))
         programs.append(program)
-        if program.stdout is None or program.stdout.readline() != "ready\n":
+        if first != "ready":
             for started in programs:
                 started.communicate()
             return []
