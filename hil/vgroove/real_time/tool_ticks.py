@@ -35,7 +35,7 @@ SLOTS = (CURRENT, CURRENT, BUS, CURRENT, CURRENT, CURRENT, TRIGGER, CURRENT) + (
 )
 HEADER = struct.Struct("<BIBI")  # start, time, length, id
 OPEN_BRIDGE = Drive(0, True, 0, 0)
-PREPARE_PERIODS = 2 * CYCLES_PER_TICK // CYCLES_PER_PERIOD
+PREPARE_PERIODS = 4 * CYCLES_PER_TICK // CYCLES_PER_PERIOD
 
 Stimulus = tuple[int, int, float, float, float, bool]  # of one period, as lockstep has them
 
@@ -57,6 +57,7 @@ class ToolTicks:
         self._scales = self._front.scales()
         self._stimulus = lockstep.StimulusSource(scenario.profile, self._front, scenario.seed)
         self._stimuli: deque[Stimulus] = deque()
+        self._drawn: lockstep.StimulusChunk | None = None
         self._prepared: list[Stimulus] = []
         self._script = lockstep.Script(command_messages(scenario.commands))
         self._pacer = lockstep.Pacer()
@@ -93,9 +94,13 @@ class ToolTicks:
         return TickInputs(tick, samples, switches, tuple(edges))
 
     def prepare(self) -> None:
-        """Draw the stimuli that the next ticks need, as long as the board does not wait for it."""
-        if len(self._stimuli) < PREPARE_PERIODS and not self._prepared:
-            self._prepared = self._drawn(self._period + len(self._stimuli))
+        """Draw the stimuli that the next ticks need, while the board does not wait for the host: a
+        part of the work at each call.
+        """
+        if self._drawn is not None:
+            self._prepared, self._drawn = list(self._drawn.periods()), None
+        elif len(self._stimuli) < PREPARE_PERIODS and not self._prepared:
+            self._drawn = self._draw(self._period + len(self._stimuli))
 
     def command_frames(self, tick: int) -> list[Frame]:
         """The host's command whose bytes begin to arrive before a tick; at most one a tick."""
@@ -129,18 +134,20 @@ class ToolTicks:
         return switches
 
     def _next_chunk(self) -> None:
-        self._stimuli.extend(self._prepared or self._drawn(self._period))
-        self._prepared = []
+        if not self._prepared:
+            self._prepared = list((self._drawn or self._draw(self._period)).periods())
+        self._stimuli.extend(self._prepared)
+        self._prepared, self._drawn = [], None
         data = self._script.receive(self._period * lockstep.PERIOD_S)
         self._pacer.add(data)
         self._unsent += data
 
-    def _drawn(self, period: int) -> list[Stimulus]:
+    def _draw(self, period: int) -> lockstep.StimulusChunk:
         """The stimuli of the chunk that begins with a period."""
         left = self._periods - period  # the last chunk is as long as that of a lock-step run
         count = min(lockstep.CHUNK_PERIODS, left) if left > 0 else lockstep.CHUNK_PERIODS
         with refused_by_plant(self._source):
-            return list(self._stimulus.chunk(period, count).periods())
+            return self._stimulus.chunk(period, count)
 
     def _receive(self, start: int) -> None:
         """Note the cycle at which the first byte of a command arrives."""
