@@ -69,8 +69,8 @@
 #define SEEN_PERIOD 2u  // the period is known for the first time
 #define SEEN_MAX 3u
 
-// Computation that the next tick does: setpoints one and two ticks after the start, a blow after
-// its valley, the means after the blow.
+// Computation of the next tick. After the start: two parts of the setpoints, a tick each. After a
+// valley: the blow. After a blow: the means.
 typedef enum { WORK_NONE, WORK_STARTED, WORK_FACTORS, WORK_ANGLES, WORK_VALLEY, WORK_MEANS } Work;
 
 static uint8_t one_more(uint8_t ms) {
@@ -174,9 +174,9 @@ static void collect(Blow *self, int16_t current_a_q9) {
     }
 }
 
-// What the angle of a blow adds to the learned one, times 8. It is learned upwards from valleys
-// alone that a joint's rotation explains: equal ones, in the time of one swing. Out of step valleys
-// stand for one or two lugs in turn.
+// Difference between the angle of a blow and the mean angle, of which an eighth is added to the
+// mean. A larger angle is used only if it follows from the joint's rotation: equal to the last one,
+// and within the time of one swing. Out of step, a valley stands for one lug and for two in turn.
 static int16_t learnable_angle(Blow *self, int16_t angle) {
     const int16_t off = (int16_t)(angle - self->mean_angle);
     const uint16_t allowed = (uint16_t)self->mean_angle >> EQUAL_SHIFT;

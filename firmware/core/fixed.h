@@ -15,7 +15,7 @@ int16_t fixed_saturate_i16(int32_t value, bool *saturated);
 
 int32_t fixed_clamp_i32(int32_t value, int32_t least, int32_t greatest);
 
-// Absolute value, of a negative value less 1: -32768 does not overflow.
+// value if value >= 0, else -value - 1, so that -32768 gives 32767 without overflow.
 int16_t fixed_magnitude(int16_t value);
 
 // Hides a value from the optimiser: avr-gcc merges two shifts, one of which is a move of bytes,

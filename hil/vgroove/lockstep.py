@@ -108,6 +108,9 @@ def step_values(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np
     return values[np.maximum(np.searchsorted(times, time_s, side="right") - 1, 0)]
 
 
+Stimulus = tuple[int, int, float, float, float, bool]  # of one PWM period, as in StimulusChunk
+
+
 @dataclass
 class StimulusChunk:
     """Stimuli of one chunk of n PWM periods, (n,) each: ADC counts of the trigger, switches, load
@@ -132,7 +135,7 @@ class StimulusChunk:
             self.broken,
         )
 
-    def periods(self) -> Iterator[tuple[int, int, float, float, float, bool]]:
+    def periods(self) -> Iterator[Stimulus]:
         """The columns' values period by period."""
         return zip(*(column.tolist() for column in self.columns()), strict=True)
 

@@ -15,13 +15,13 @@ import pytest
 
 from test_real_time import made_run, scenario_of
 from vgroove.errors import VgrooveError
-from vgroove.real_time import timing_figures
+from vgroove.real_time import timing_figures, worker_priority
+from vgroove.real_time.beside_program import start_beside
 from vgroove.real_time.figures import late_sentence
 from vgroove.real_time.frames import Drive
 from vgroove.real_time.pauses import PROGRAM, Pauses, watch_pauses
 from vgroove.real_time.priority import undisturbed, workers_prioritised
 from vgroove.real_time.tool_ticks import ToolTicks
-from vgroove.real_time.worker_priority import PREFIX, PRIORITY
 
 PAUSE_S = 0.03
 
@@ -41,12 +41,10 @@ needs_real_time = pytest.mark.skipif(
 
 @pytest.fixture
 def watching() -> Iterator[subprocess.Popen[str]]:
-    """The program that watches processor 0, begun."""
-    command = [sys.executable, "-I", "-S", str(PROGRAM), "0"]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as program:
-        assert program.stdout is not None
-        assert program.stdout.readline() == "ready\n"
+    """A running pause_watch.py on processor 0."""
+    program, first = start_beside(PROGRAM, "0")
+    with program:
+        assert first == "ready"
         yield program
         program.kill()
 
@@ -69,7 +67,7 @@ def test_a_pause_is_seen_with_its_time_and_length(watching: subprocess.Popen[str
 
 
 def watching_children() -> list[int]:
-    """Process numbers of this process' watching programs."""
+    """Process numbers of the running pause_watch.py that this process started."""
     found = []
     for number in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split():
         if PROGRAM.name in Path(f"/proc/{number}/cmdline").read_text():
@@ -116,12 +114,11 @@ def test_without_watching_nothing_is_said_of_pauses() -> None:
 
 
 def workers() -> dict[int, int]:
-    """Scheduling policy of the kernel's unbound workers."""
+    """Process number -> scheduling policy of each worker thread of the kernel."""
     found = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if (folder / "comm").read_text().startswith(PREFIX):
-                found[int(folder.name)] = os.sched_getscheduler(int(folder.name))
+    for process in worker_priority.workers():
+        with suppress(ProcessLookupError):
+            found[process] = os.sched_getscheduler(process)
     return found
 
 
@@ -138,7 +135,7 @@ def test_priorities_last_as_long_as_the_run() -> None:
         assert changed
         for process in changed:
             assert within[process] == os.SCHED_FIFO
-            assert os.sched_getparam(process).sched_priority == PRIORITY
+            assert os.sched_getparam(process).sched_priority == worker_priority.PRIORITY
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
     after = workers()
     assert all(after[process] == before[process] for process in before if process in after)

@@ -48,8 +48,8 @@ ROWS = (
 
 @dataclass(frozen=True)
 class HilOptions:
-    """The line to the board, of which one is given, the files to write, and whether the kernel's
-    workers get real-time priority.
+    """Options of `vgroove hil`: the board's line (either `port` or `bus`), the files to write,
+    and whether the kernel's worker threads get real-time priority.
     """
 
     port: str | None = None

@@ -205,7 +205,8 @@ def run_in_real_time(
     """
     host = _Host(link, tool, ticks, run)
     run.counters = link.counters
-    host.start()
-    link.counters.__init__()
-    with undisturbed() as run.prioritised, watch_pauses() as run.pauses:
-        host.run(progress)
+    with watch_pauses() as run.pauses:
+        host.start()
+        link.counters.__init__()
+        with undisturbed() as run.prioritised:
+            host.run(progress)

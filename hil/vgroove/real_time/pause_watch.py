@@ -1,6 +1,6 @@
-"""A program that notes when its processor stood still: a task of high real-time priority wakes each
-millisecond, and is late only where the computer itself did not run (hypervisor, firmware, power
-management). Imports the standard library alone, so that it starts at once.
+"""A program that records when a processor stood still. It sleeps for a millisecond at a time with a
+high real-time priority: it wakes late only if the computer itself did not run (hypervisor,
+firmware, power management). Imports the standard library alone, so that it starts at once.
 
 Ends when its standard input is closed, and prints a line for each pause: begin and end on the
 monotonic clock in s.
@@ -14,6 +14,7 @@ import time
 
 PRIORITY = 50  # of SCHED_FIFO, above everything that takes part in a run
 PERIOD_S = 1e-3
+READY = "ready"
 LEAST_PAUSE_S = 0.5e-3  # a tool's inputs have about twice this time to spare
 
 
@@ -22,7 +23,7 @@ def watch(processor: int) -> None:
     os.sched_setaffinity(0, {processor})
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     gc.disable()
-    sys.stdout.write("ready\n")
+    sys.stdout.write(f"{READY}\n")
     sys.stdout.flush()
     pauses = []
     due_s = time.monotonic()

@@ -8,15 +8,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from vgroove.real_time import pause_watch
 from vgroove.real_time.beside_program import start_beside
 
-PROGRAM = Path(__file__).with_name("pause_watch.py")
-# Ticks that the answers to the last commands before a pause take after it
-AFTER_S = 2e-3
+PROGRAM = Path(pause_watch.__file__)
+AFTER_S = 2e-3  # two ticks: the answer to a command before the pause
 
 
 class Pauses:
-    """Begin and end of each pause on the monotonic clock, in s, by time of begin."""
+    """Times at which the computer stood still. spans: (begin, end) of each in s of the monotonic
+    clock, the earliest first.
+    """
 
     def __init__(self) -> None:
         self.spans: list[tuple[float, float]] = []
@@ -34,8 +36,8 @@ class Pauses:
 
 @contextmanager
 def watch_pauses() -> Iterator[Pauses | None]:
-    """Watch every processor in the block; the value is complete after it, and None where the
-    system does not permit real-time priority.
+    """Look for pauses on every processor while the block runs. The value is filled when the block
+    ends; it is None where the system does not permit real-time priority.
     """
     pauses, programs = Pauses(), _started()
     try:
@@ -49,14 +51,14 @@ def watch_pauses() -> Iterator[Pauses | None]:
 
 
 def _started() -> list[subprocess.Popen[str]]:
-    """The watching programs, all of them or none."""
+    """A pause_watch.py for each processor; none where real-time priority is not permitted."""
     programs: list[subprocess.Popen[str]] = []
     if not hasattr(os, "sched_getaffinity"):
         return programs
     for processor in sorted(os.sched_getaffinity(0)):
         program, first = start_beside(PROGRAM, str(processor))
         programs.append(program)
-        if first != "ready":
+        if first != pause_watch.READY:
             for started in programs:
                 started.communicate()
             return []

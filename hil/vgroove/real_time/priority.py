@@ -24,8 +24,8 @@ REFUSALS = {
 
 @contextmanager
 def undisturbed() -> Iterator[bool]:
-    """No garbage collection and, where permitted, real-time priority (SCHED_FIFO) in the block;
-    the value states the latter.
+    """Run the block without garbage collection and, where the system permits it, with real-time
+    priority (SCHED_FIFO). The value states whether it was permitted.
     """
     with ExitStack() as stack:
         prioritised = False
@@ -44,8 +44,8 @@ def undisturbed() -> Iterator[bool]:
 
 @contextmanager
 def workers_prioritised() -> Iterator[None]:
-    """Real-time priority in the block for the threads of the Linux kernel that pass a terminal's
-    bytes on. VgrooveError: not permitted, or another system.
+    """Run the block with real-time priority for the worker threads of the Linux kernel, which copy
+    the bytes of serial ports. VgrooveError: not permitted, or not Linux.
     """
     program, answer = start_beside(WORKER_PROGRAM)
     try:

@@ -37,8 +37,6 @@ HEADER = struct.Struct("<BIBI")  # start, time, length, id
 OPEN_BRIDGE = Drive(0, True, 0, 0)
 PREPARE_PERIODS = 4 * CYCLES_PER_TICK // CYCLES_PER_PERIOD
 
-Stimulus = tuple[int, int, float, float, float, bool]  # of one period, as lockstep has them
-
 
 def samples_until(tick: int) -> int:
     """Number of ADC samples that the first `tick` ticks take."""
@@ -56,9 +54,9 @@ class ToolTicks:
         self._front = scenario.front_ends()
         self._scales = self._front.scales()
         self._stimulus = lockstep.StimulusSource(scenario.profile, self._front, scenario.seed)
-        self._stimuli: deque[Stimulus] = deque()
+        self._stimuli: deque[lockstep.Stimulus] = deque()
         self._drawn: lockstep.StimulusChunk | None = None
-        self._prepared: list[Stimulus] = []
+        self._prepared: list[lockstep.Stimulus] = []
         self._script = lockstep.Script(command_messages(scenario.commands))
         self._pacer = lockstep.Pacer()
         self._unsent, self._sent_bytes = bytearray(), 0
@@ -94,8 +92,8 @@ class ToolTicks:
         return TickInputs(tick, samples, switches, tuple(edges))
 
     def prepare(self) -> None:
-        """Draw the stimuli that the next ticks need, while the board does not wait for the host: a
-        part of the work at each call.
+        """Compute noise, trigger and load of the next ticks in advance, a part in each call.
+        Call it when the board is not waiting for an answer.
         """
         if self._drawn is not None:
             self._prepared, self._drawn = list(self._drawn.periods()), None

@@ -1,5 +1,6 @@
-"""A program that gives real-time priority to the threads of the Linux kernel that pass a terminal's
-bytes on, those that begin later included. Imports the standard library alone.
+"""A program that gives real-time priority to worker threads of the Linux kernel (kworker), also to
+those that start later. Such a thread copies the bytes between a serial port's driver and its
+reader. Imports the standard library alone.
 
 Prints `ready`, or why it cannot. Ends when its standard input is closed, also by the end of the
 process that started it, and gives the threads their former priority back.
@@ -28,7 +29,9 @@ def workers() -> list[int]:
 
 
 def prioritise(processes: list[int], before: dict[int, tuple[int, object]]) -> None:
-    """Give the priority to those that do not have it; adds their former one to `before`."""
+    """Give real-time priority to the processes that do not have it, and store the policy and
+    parameters that each had in `before`.
+    """
     for process in processes:
         # a worker may have ended since it was listed
         with suppress(ProcessLookupError):
