@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pytest
 
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales
 from vgroove.gap.fitting.cross_validation import predict_held_out
@@ -17,6 +18,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.agreement import clip_sigmas
 from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.restart_angles import RestartAngles
+from vgroove.gap.selection.search_state import Search
 from vgroove.rig import rig_from_dict
 
 DT, WINDOW, COUNT = 1e-3, 250, 24  # row interval in s, rows between restarts, number of restarts
@@ -48,6 +50,7 @@ TOOL = {
 }
 # values of parameters that must not be 0 in a model without their effect
 NEUTRAL = {"effects.stribeck_friction.speed_rad_s": 1.0}
+MAX_SLOPE_ERROR = 0.1  # of a slope's norm
 SIGMA = {"current_a": 0.15, "speed_rpm": 20.0, "supply_v": 0.02}
 # what the log holds, as flags of Effect.needs
 FLAGS = frozenset({"duty", "voltage", "current", "speed", "supply", "both"})
@@ -110,6 +113,7 @@ class Toy:
     missed_edges = (0.0, 0.0)
     difference_factor = 1.0
     sigma_is_bound = False
+    is_whitened = False
 
     def __init__(
         self,
@@ -299,3 +303,19 @@ def fit_of(toy: Toy, *ids: str, tolerance: dict[str, float] | None = None) -> tu
     best = min(fits, key=lambda f: f.cost)
     predict_held_out(engine, [best])
     return engine, best
+
+
+def assert_consistent(state: Search, one: Fit) -> None:
+    """Residuals, cost and Jacobian of a fit are those that the engine of the search computes."""
+    (row,) = state.engine.residuals([(one.hypothesis, one.x[None, :])])
+    np.testing.assert_allclose(one.residual, row, atol=1e-9)
+    assert one.cost == pytest.approx(state.engine.cost(one, one.x, row))
+    if one.jacobian_is_at_x and len(one.x):
+        step = 1e-4
+        (moved,) = state.engine.residuals(
+            [(one.hypothesis, (one.x + step * np.eye(len(one.x))[0])[None, :])]
+        )
+        slope = (moved - row) / step
+        # the slopes jump in the few rows in which the shaft reverses
+        error = np.linalg.norm(one.jacobian[:, 0] - slope)
+        assert error < MAX_SLOPE_ERROR * np.linalg.norm(slope)

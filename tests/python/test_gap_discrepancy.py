@@ -5,10 +5,9 @@ sensors (search_state.rescale): by how much, of which signals, and that fits sta
 import numpy as np
 import pytest
 
-from gap_toy import SCALES, Toy
+from gap_toy import SCALES, Toy, assert_consistent
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.engine import Engine
-from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection import search, search_state
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search_state import COMPARISON, Search, rescale
@@ -16,7 +15,6 @@ from vgroove.gap.selection.search_state import COMPARISON, Search, rescale
 COULOMB = {"effects.coulomb_friction.torque_nm": 0.004}
 EFFECTS = ("coulomb_friction", "current_gain", "viscous_friction")
 FAR_A = 6.0  # amplitude of an oscillation of the measured current, 40 sigma
-MAX_SLOPE_ERROR = 0.1  # of a slope's norm
 TOLERANCE = {"motor.resistance_ohm": 0.02}
 
 
@@ -35,22 +33,6 @@ def factors(state: Search) -> list[float]:
     found = [np.unique(scale[state.problem.signal == k]) for k in range(3)]
     assert all(len(one) == 1 for one in found)
     return [float(one[0]) for one in found]
-
-
-def assert_consistent(state: Search, one: Fit) -> None:
-    """Residuals, cost and Jacobian of a fit are those that the engine of the search computes."""
-    (row,) = state.engine.residuals([(one.hypothesis, one.x[None, :])])
-    np.testing.assert_allclose(one.residual, row, atol=1e-9)
-    assert one.cost == pytest.approx(state.engine.cost(one, one.x, row))
-    if one.jacobian_is_at_x and len(one.x):
-        step = 1e-4
-        (moved,) = state.engine.residuals(
-            [(one.hypothesis, (one.x + step * np.eye(len(one.x))[0])[None, :])]
-        )
-        slope = (moved - row) / step
-        # the slopes jump in the few rows in which the shaft reverses
-        error = np.linalg.norm(one.jacobian[:, 0] - slope)
-        assert error < MAX_SLOPE_ERROR * np.linalg.norm(slope)
 
 
 def test_near_the_noise_nothing_is_widened() -> None:

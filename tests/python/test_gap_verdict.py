@@ -407,7 +407,8 @@ class Scored:
     floor = floor_power = FLOOR
     gap_problem = None
     may_have_gap = True
-    problem = SimpleNamespace(sigma_is_bound=False)
+    problem = SimpleNamespace(sigma_is_bound=False, is_whitened=True)
+    progress = staticmethod(lambda _: None)
 
 
 def structure(significant: bool) -> remainder.Remainder:
@@ -919,7 +920,7 @@ def test_of_a_hammering_tool_a_set_must_close_a_tenth_of_the_reported_gap(
     is_bound: bool, after: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state, part = Scored(101.0, 101.0, after), named_gap(after, 1)
-    state.problem = SimpleNamespace(sigma_is_bound=is_bound)
+    state.problem = SimpleNamespace(sigma_is_bound=is_bound, is_whitened=True)
     state.leaves_gap_in_most_draws = lambda one: True
     monkeypatch.setattr(decision, "established_set", lambda *_: part)
     monkeypatch.setattr(decision, "is_doubtful", lambda *_: False)

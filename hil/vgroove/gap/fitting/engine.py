@@ -8,7 +8,7 @@ with the same Jacobian (cross_validation.py).
 
 import copy
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from vgroove.gap.fitting.steps import (
     points_along,
     predict_first_order,
 )
+from vgroove.gap.fitting.whitening import Whitening
 from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.huber import huber_loss
 from vgroove.gap.residual.protocol import MeasuredProblem
@@ -88,6 +89,7 @@ class Engine:
         self.train = np.logical_or.reduce([train for train, _ in problem.folds])
         self.groups = FoldGroups(problem.folds)
         self.discrepancy = np.ones(problem.n)  # (n,), see with_discrepancy()
+        self.whitening: Whitening | None = None  # see with_whitening()
         self.calls = 0  # parameter sets that were simulated
         self.on_work: Callable[[], None] = lambda: None  # called after each batch of simulations
 
@@ -101,6 +103,46 @@ class Engine:
             ratio = (self.discrepancy / discrepancy).astype(np.float32)
             other.nuisance_columns = self.nuisance_columns * ratio[:, None]
         return other
+
+    def with_whitening(self, whitening: Whitening) -> "Engine":
+        """The engine whose residuals are filtered (generalised least squares), in units of the
+        sensors' noise.
+        """
+        other = copy.copy(self)
+        other.whitening, other.discrepancy = whitening, np.ones(self.problem.n)
+        if self.nuisance_columns is not None:
+            other.nuisance_columns = self.whitened_columns(whitening, self.nuisance_columns)
+        return other
+
+    def whitened_columns(self, whitening: Whitening, columns: np.ndarray) -> np.ndarray:
+        """Columns (n, p) of this engine's Jacobians as those of with_whitening()."""
+        return whitening.apply(columns.T * self.discrepancy).astype(np.float32).T
+
+    def whitened_fit(self, whitening: Whitening, one: Fit) -> Fit:
+        """A fit of this engine as one of with_whitening(), not converged there."""
+        residual, out_of_fold = (
+            whitening.apply(r * self.discrepancy) for r in (one.residual, one.out_of_fold)
+        )
+        other = replace(
+            one,
+            residual=residual,
+            out_of_fold=out_of_fold,
+            jacobian=self.whitened_columns(whitening, one.jacobian),
+            delta=self._delta(residual, FINAL_HUBER_SIGMAS),
+            exact=not len(one.x),
+            improving=len(one.x) > 0,
+            damping=1.0,
+        )
+        other.cost = self.cost(other, other.x, residual)
+        return other
+
+    def weighted(self, residuals: np.ndarray) -> np.ndarray:
+        """Residuals (n,) or (B, n) of the problem as this engine fits them."""
+        if self.whitening is not None:
+            residuals = self.whitening.apply(residuals)
+        if np.any(self.discrepancy != 1.0):
+            residuals = residuals / self.discrepancy
+        return residuals
 
     def rescale_fit(self, one: Fit, ratio: np.ndarray) -> None:
         """Multiply the residuals of a fit by ratio (n,), the change of the discrepancy, and compute
@@ -157,9 +199,7 @@ class Engine:
         which = [places.setdefault(one.tobytes(), len(places)) for one in theta]
         theta = np.stack([np.frombuffer(one) for one in places])
         self.calls += len(theta)
-        rows = self.problem.residuals(theta, self.angles)
-        if np.any(self.discrepancy != 1.0):
-            rows /= self.discrepancy
+        rows = self.weighted(self.problem.residuals(theta, self.angles))
         np.clip(rows, -MAX_RESIDUAL, MAX_RESIDUAL, out=rows)
         self.on_work()
         unique = list(rows)

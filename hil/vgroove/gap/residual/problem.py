@@ -98,6 +98,7 @@ class Problem:
     portion: ClassVar[PortionLimits] = PortionLimits()
     difference_factor: ClassVar[float] = 1.0  # of the steps of the finite differences of a fit
     sigma_is_bound: ClassVar[bool] = False
+    is_whitened: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

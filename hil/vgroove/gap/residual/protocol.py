@@ -61,6 +61,11 @@ class MeasuredProblem(Protocol):
         """Whether standard deviations are upper bounds, as the scatter over unknown starts is."""
         ...
 
+    @property
+    def is_whitened(self) -> bool:
+        """Whether the residuals are whitened: by the covariance of statistics, not rows in time."""
+        ...
+
     def index(self, name: str) -> int:
         """Column of a parameter in theta."""
         ...

@@ -59,7 +59,8 @@ MIN_INFORMATION = 1e-6  # of a value of typical size: below it the logs do not s
 
 def comparison_of(search: Search) -> str:
     """Name, as the verdict states it, of the comparison that a search fits."""
-    return FORWARD if search.gap_problem is None else BALANCE
+    name = FORWARD if search.gap_problem is None else BALANCE
+    return name if search.unwhitened is None else f"{name}, prewhitened"
 
 
 def begin_in_better_comparison(

@@ -12,6 +12,8 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import norm, t
 
+from vgroove.gap.fitting.whitening import autocovariance
+
 
 @dataclass(frozen=True)
 class BootstrapLimits:
@@ -92,12 +94,6 @@ def correlation_time(
         lags = min(len(r) // 4, max(2, int(restart_s / max(spacing, 1e-9))))
         longest = max(longest, spacing * correlated_rows(autocorrelation(r, lags)))
     return longest
-
-
-def autocovariance(value: np.ndarray, lags: int) -> np.ndarray:
-    """Sums of the products of a series (m,) with itself, shifted by 0, 1, .. rows (lags,)."""
-    power = np.abs(np.fft.rfft(value, 2 * len(value))) ** 2
-    return np.fft.irfft(power)[:lags]
 
 
 def autocorrelation(value: np.ndarray, lags: int) -> np.ndarray:

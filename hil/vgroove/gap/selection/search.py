@@ -12,6 +12,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.backward import backward, drop_form_corrections
 from vgroove.gap.selection.candidate_sets import (
     distinct_hypotheses,
+    fit_set,
     fit_without,
     prefer_special_cases,
 )
@@ -19,7 +20,7 @@ from vgroove.gap.selection.extension import extensions
 from vgroove.gap.selection.forward import forward
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import bootstrap_means
-from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key, whitened
 from vgroove.gap.selection.single_effects import align_to_selection, fit_single_effects
 
 MIN_PRIOR = 0.01  # smallest density of a plausible size, relative to that at 0
@@ -43,7 +44,20 @@ def select(search: Search) -> Selection:
     The shaft angles of the selected fit are those that its own parameters align, as `vgroove sim`
     aligns them with the corrected rig.
     """
-    search, best = forward(fit_single_effects(search))
+    return settled(*forward(fit_single_effects(search)))
+
+
+def select_whitened(search: Search) -> Selection | None:
+    """The search repeated in residuals without correlation in time (whitened()), from the fits that
+    it ended with; None where the best fit ends near the noise.
+    """
+    search.progress("residuals without correlation in time")
+    other = whitened(search)
+    return None if other is search else settled(*forward(other))
+
+
+def settled(search: Search, best: Fit) -> Selection:
+    """The selection that begins with the result of forward selection."""
     rivals: list[Fit] = []
     if best.ids:
         best = backward(search, leanest_tied(search, best))
@@ -54,6 +68,11 @@ def select(search: Search) -> Selection:
         best, rivals = drop_doubtful_members(search, best)
     search, best = align_to_selection(search, best)
     return Selection(search, best, rivals)
+
+
+def unwhitened_fit(search: Search, one: Fit) -> Fit:
+    """The fit of a search to the set of a fit of its whitened() one."""
+    return fit_set(search, one.ids, one) if one.ids else search.retuned
 
 
 def drop_doubtful_members(search: Search, best: Fit) -> tuple[Fit, list[Fit]]:

@@ -16,6 +16,7 @@ from vgroove.gap.catalogue import CONVENTIONS_AT_LOWER_BOUND, Effect
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.fitting.whitening import whitening_of
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, noise_ratio
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restart_angles import RestartAngles
@@ -117,7 +118,7 @@ class Search:
     the rig states it; retuned: the same with its tolerated keys refitted; seed: of the bootstrap;
     progress: receives a text at each stage; gap_problem: the problem of the forward simulation,
     whose residuals are the reported gap, where the engine fits another comparison (None: the
-    engine's own).
+    engine's own); unwhitened: the search whose residuals whitened() has filtered.
     """
 
     engine: Engine
@@ -130,6 +131,7 @@ class Search:
     progress: Callable[[str], None] = lambda _: None
     cache: SearchCache = field(default_factory=SearchCache)
     gap_problem: MeasuredProblem | None = None
+    unwhitened: "Search | None" = None
 
     @property
     def problem(self) -> MeasuredProblem:
@@ -143,11 +145,15 @@ class Search:
 
     def gap_residual(self, one: Fit) -> np.ndarray:
         """Held-out residuals (n,) of a fit in the forward simulation, in sigmas of the sensors."""
-        if self.gap_problem is None:
+        if self.unwhitened is not None:
+            same = self.unwhitened.fits.get(key(one.ids))
+            if same is not None:
+                return self.unwhitened.gap_residual(same)
+        elif self.gap_problem is None:
             return one.out_of_fold * self.engine.discrepancy
         known = self.cache.gap_residuals.get(id(one))
         if known is None or known[0] is not one:
-            known = one, held_out_simulation(self.engine, one, self.gap_problem)
+            known = one, held_out_simulation(self.engine, one, self.simulated)
             self.cache.gap_residuals[id(one)] = known
         return known[1]
 
@@ -476,7 +482,7 @@ def held_out_simulation(engine: Engine, one: Fit, problem: MeasuredProblem) -> n
     points = one.x + engine.fold_steps(one) if len(one.x) else np.zeros((len(problem.folds), 0))
     low, high = one.hypothesis.low, one.hypothesis.high
     theta = one.hypothesis.theta(problem.theta0, np.clip(points, low, high))
-    rows = problem.residuals(theta)
+    rows = problem.residuals(theta, engine.angles if problem is engine.problem else None)
     out = rows[0].copy()
     for (_, test), row in zip(problem.folds, rows, strict=True):
         out[test] = row[test]
@@ -562,6 +568,37 @@ def rescale(search: Search) -> Search:
         engine.rescale_fit(one, ratio)
     cache = SearchCache(search.fits, gap_residuals=search.cache.gap_residuals)
     return replace(search, engine=engine, cache=cache)
+
+
+def whitened(search: Search) -> Search:
+    """The search in residuals without the correlation in time of what the best fit leaves, where
+    this is more than the sensors' noise; the search itself elsewhere. Sets near the best are fitted
+    again.
+    """
+    if search.problem.is_whitened or np.all(search.engine.discrepancy == 1.0):
+        return search
+    engine, problem = search.engine, search.problem
+    best = min(search.fits.values(), key=search.score)
+    counts = search.blocks.tested & ~problem.censored
+    series = tuple(rows[counts[rows]] for rows in search.blocks.series)
+    clip = COMPARISON.clip_sigma
+    whitening = whitening_of(series, np.clip(best.out_of_fold, -clip, clip))
+    fits = {k: engine.whitened_fit(whitening, f) for k, f in search.fits.items()}
+    nominal = engine.whitened_fit(whitening, search.nominal)
+    retuned = fits[()]
+    other = replace(
+        search,
+        engine=engine.with_whitening(whitening),
+        nominal=nominal,
+        retuned=retuned,
+        cache=SearchCache(fits),
+        unwhitened=search,
+    )
+    other = rescale(other)
+    near = [retuned, *(f for f in other.near_best(list(fits.values())) if f is not retuned)]
+    other.engine.continue_fits(near, range(COMPARISON.max_rounds))
+    predict_held_out(other.engine, other.near_best(near))
+    return rescale(other)
 
 
 def cauchy_loss(search: Search, one: Fit) -> float:

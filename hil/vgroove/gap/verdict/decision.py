@@ -2,13 +2,19 @@
 what the set leaves (docs/spec/gap.md, section 5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vgroove.gap.catalogue import SPECIAL_CASES
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.intervals import in_catalogue_form
-from vgroove.gap.selection.search import Selection, prior_excludes, tied_rivals
+from vgroove.gap.selection.search import (
+    Selection,
+    prior_excludes,
+    select_whitened,
+    tied_rivals,
+    unwhitened_fit,
+)
 from vgroove.gap.selection.search_state import COMPARISON, Search, key
 from vgroove.gap.verdict.covariates import Covariates
 from vgroove.gap.verdict.established import established_set, is_established_rival
@@ -39,17 +45,31 @@ DECISION = DecisionLimits()
 
 @dataclass(frozen=True)
 class Finding:
-    """The decision: the verdict, the set that it is about, its rivals, and the remainder."""
+    """The decision: the verdict, the set that it is about, its rivals, and the remainder. search:
+    the one in whose residuals the members are established; None if they are not.
+    """
 
     verdict: str
     best: Fit
     rivals: list[Fit]
     remainder: Remainder
+    search: Search | None = None
 
     @property
     def names_effects(self) -> bool:
         """Whether the verdict names the effects of the best set."""
         return self.verdict in ("effect", "partial", "ambiguous")
+
+
+@dataclass(frozen=True)
+class Established:
+    """The established set (the retuned fit where there is none) and its rivals, as fits of the
+    selection's search. search: the one in whose residuals they are established.
+    """
+
+    best: Fit
+    rivals: list[Fit]
+    search: Search
 
 
 def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -> Finding:
@@ -67,7 +87,8 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
         return without_remainder(selection, remainder)
     if not best.ids and not is_unlisted_gap(search, best, remainder):
         return Finding("none", best, [], remainder)
-    part = established_set(search, best, covariates)
+    found = established_part(selection, covariates)
+    part = found.best
     if part.ids and is_doubtful(search, part) and is_limited_by_noise(search, part):
         part = search.retuned
     if search.problem.sigma_is_bound and not search.closes_established_share(part):
@@ -75,14 +96,40 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
     if not part.ids:
         return without_established(selection, remainder)
     same = key(part.ids) == key(best.ids)
-    rivals = selection.rivals if same else tied_rivals(search, part)
-    rivals = [
+    left = remainder if same else remaining(search, part, covariates)
+    return replace(named(search, part, found.rivals, left), search=found.search)
+
+
+def established_part(selection: Selection, covariates: Covariates) -> Established:
+    """The established set of a selection, or the one in whitened residuals where it has other
+    members and no fewer.
+
+    A set must be established in the residuals as they are: whitened, also what is outside the
+    catalogue leaves errors that one of its effects imitates with one size (an intermittent load a
+    Coulomb friction).
+    """
+    search = selection.search
+    part = established_set(search, selection.best, covariates)
+    other = select_whitened(search) if part.ids else None
+    if other is not None:
+        found = established_set(other.search, other.best, covariates)
+        if key(found.ids) != key(part.ids) and len(found.ids) >= len(part.ids):
+            rivals = established_rivals(other, found, covariates)
+            best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
+            return Established(best, rivals, other.search)
+    return Established(part, established_rivals(selection, part, covariates), search)
+
+
+def established_rivals(selection: Selection, part: Fit, covariates: Covariates) -> list[Fit]:
+    """Rivals of the established set of a selection; none of an empty set."""
+    if not part.ids:
+        return []
+    search, same = selection.search, key(part.ids) == key(selection.best.ids)
+    return [
         f
-        for f in rivals
+        for f in (selection.rivals if same else tied_rivals(search, part))
         if not prior_excludes(search, f, part) and is_established_rival(search, f, part, covariates)
     ]
-    left = remainder if same else remaining(search, part, covariates)
-    return named(search, part, rivals, left)
 
 
 def leaves_visible_gap(search: Search, best: Fit) -> bool:

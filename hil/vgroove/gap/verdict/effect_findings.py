@@ -72,9 +72,10 @@ def comparison_evidence(
     """The comparison in which a named effect was found, without and with it; None for any other
     effect.
     """
-    best = finding.best
-    if not finding.names_effects or effect_id not in best.ids:
+    if not finding.names_effects or effect_id not in finding.best.ids:
         return None
+    search = finding.search or search
+    best = search.fits[key(finding.best.ids)]
     rest = known_without(search, best, effect_id)
     before, after = (float(np.sqrt(search.score(f))) for f in (rest, best))
     return ComparisonEvidence(

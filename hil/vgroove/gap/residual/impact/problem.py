@@ -53,6 +53,7 @@ class ImpactProblem(Problem):
     # impacts amplify small changes: slopes over short steps are those of single blows
     difference_factor: ClassVar[float] = 4.0
     sigma_is_bound: ClassVar[bool] = True
+    is_whitened: ClassVar[bool] = True
 
     @cached_property
     def parameters(self) -> list[str]:
