@@ -65,8 +65,14 @@ __attribute__((noinline)) void impact_interpolate(ImpactSolver<L> &self, double 
 // State at t after the start of a series
 template <class L>
 __attribute__((noinline)) ImpactState<L> impact_series_at(const ImpactSeries<L> &p, double t) {
-    ImpactState<L> s = p.c[SERIES_ORDER];
-    for (int k = SERIES_ORDER - 1; k >= 0; --k)
+    using Series = ImpactSeries<L>;
+    ImpactState<L> s = p.c[SERIES_SLOW];
+    for (int n = Series::FAST_FROM; n < Series::FAST_TO; ++n)
+        s.x[n] = p.c[SERIES_ORDER].x[n];
+    for (int k = SERIES_ORDER - 1; k >= SERIES_SLOW; --k)
+        for (int n = Series::FAST_FROM; n < Series::FAST_TO; ++n)
+            s.x[n] = s.x[n] * t + p.c[k].x[n];
+    for (int k = SERIES_SLOW - 1; k >= 0; --k)
         for (int n = 0; n < L::COUNT; ++n)
             s.x[n] = s.x[n] * t + p.c[k].x[n];
     return s;
@@ -77,8 +83,9 @@ template <class L>
 VGROOVE_INLINE double impact_component(const ImpactStep<L> &t, const ImpactState<L> &from,
                                        double share, int n) {
     if (t.by_series) {
-        double x = t.series.c[SERIES_ORDER].x[n];
-        for (int k = SERIES_ORDER - 1; k >= 0; --k)
+        const int order = ImpactSeries<L>::order(n);
+        double x = t.series.c[order].x[n];
+        for (int k = order - 1; k >= 0; --k)
             x = x * (share * t.h) + t.series.c[k].x[n];
         return x;
     }

@@ -25,11 +25,11 @@ template <bool FULL_STATES, bool AUDITED> struct ImpactLayout {
     static constexpr int ANVIL_ANGLE = HAMMER_ANGLE + 2;
     static constexpr int ANVIL_SPEED = HAMMER_ANGLE + 3;
     static constexpr int TWIST = HAMMER_ANGLE + 4;  // rad, elastic twist e of the joint
-    static constexpr int ARM_ANGLE = HAMMER_ANGLE + 5;
-    static constexpr int ARM_SPEED = HAMMER_ANGLE + 6;
+    static constexpr int LUG_IMPULSE = HAMMER_ANGLE + 5;  // N m s, integral of the lug torque
+    static constexpr int ARM_ANGLE = HAMMER_ANGLE + 6;
+    static constexpr int ARM_SPEED = HAMMER_ANGLE + 7;
     static constexpr int HOUSING_TIME =
-        HAMMER_ANGLE + 7;                                 // N m s, integral of the housing reaction
-    static constexpr int LUG_IMPULSE = HAMMER_ANGLE + 8;  // N m s, integral of the lug torque
+        HAMMER_ANGLE + 8;  // N m s, integral of the housing reaction
     static constexpr int CORE_COUNT = HAMMER_ANGLE + 9;
     static constexpr int OUTPUT_SPEED = CORE_COUNT;       // rad/s, second output body
     static constexpr int COUPLER_TWIST = CORE_COUNT + 1;  // rad, anvil less second body

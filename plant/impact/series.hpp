@@ -175,9 +175,11 @@ struct SeriesStates {
 
 // Coefficients of order n of the torques of lug, joint, drive and groove, with A = F0 + k x + m s'
 // q' (s' the change of s in time). Terms that do not need the newest states are added first.
+// SLOW: with current and motor speed, whose coefficients of high order are negligible.
 struct SeriesTorques {
     double lug, joint, drive, groove;
 };
+template <bool SLOW>
 VGROOVE_INLINE SeriesTorques series_torques(const Impact &m, const SeriesRates &a, SeriesJet &y,
                                             const SeriesStates &now, int n) {
     const double before = SERIES_RECIPROCAL.of[n],
@@ -198,51 +200,67 @@ VGROOVE_INLINE SeriesTorques series_torques(const Impact &m, const SeriesRates &
     t.joint = a.joint_twist * now.twist + a.joint_speed * now.anvil;
     if (a.joint_head != 0.0)
         t.joint += a.joint_head * (before * now.anvil_before - now.twist);
-    t.drive = a.drive_i * now.i + a.drive_w * now.w;
     t.lug = lug + a.lug_speed * y.rate[n];
-    push[0] = t.lug + spindle * t.drive;
+    push[0] = t.lug;
     axial[0] = old_axial + y.bend[0] * q_rate[0];
-    t.groove = ((old + y.share[0] * old_axial) + (y.carried[0] * spindle) * t.drive) +
+    t.groove = (old + y.share[0] * old_axial) +
                ((y.share[0] * y.bend[0]) * q_rate[0] + y.carried[0] * t.lug);
+    t.drive = 0.0;
+    if constexpr (SLOW) {
+        t.drive = a.drive_i * now.i + a.drive_w * now.w;
+        push[0] += spindle * t.drive;
+        t.groove += (y.carried[0] * spindle) * t.drive;
+    }
     return t;
 }
 
 // Coefficients of order n + 1 of the states
+template <bool SLOW>
 VGROOVE_INLINE SeriesStates series_states(const Impact &m, const SeriesRates &a,
                                           const SeriesTorques &t, const SeriesStates &now, int n) {
     const double part = SERIES_RECIPROCAL.of[n + 1];
-    SeriesStates next;
+    SeriesStates next{};
     next.hammer = (part * m.hammer_inertia_inverse) * (t.groove - t.lug);
-    next.w = (part * m.ratio * m.spindle_inertia_inverse) * (t.drive - t.groove);
     next.anvil = (part * m.anvil_inertia_inverse) * (t.lug - t.joint);
     next.twist =
         part * (a.twist_speed * now.anvil + a.twist_joint * t.joint + a.twist_twist * now.twist);
-    next.i = part * (a.current_i * now.i + a.current_w * now.w);
     next.anvil_before = now.anvil;
+    if constexpr (SLOW) {
+        next.w = (part * m.ratio * m.spindle_inertia_inverse) * (t.drive - t.groove);
+        next.i = part * (a.current_i * now.i + a.current_w * now.w);
+    }
     return next;
 }
 
-// Stores order n + 1 of all states, with angles, integrals and the arm.
+// Stores order n + 1 of the fast states
 template <class L>
-VGROOVE_INLINE void series_store(const Impact &m, const SeriesRates &a, const SeriesTorques &t,
-                                 const SeriesStates &now, const SeriesStates &next, int n,
-                                 ImpactSeries<L> &to) {
+VGROOVE_INLINE void series_store_fast(const SeriesTorques &t, const SeriesStates &now,
+                                      const SeriesStates &next, int n, ImpactSeries<L> &to) {
     const double part = SERIES_RECIPROCAL.of[n + 1];
     double *c = to.c[n + 1].x;
-    const double *last = to.c[n].x;
-    const double housing = t.drive - (m.ratio - 1.0) * m.motor_inertia * (n + 1) * next.w;
-    c[STATE_CURRENT] = next.i;
-    c[STATE_SPEED] = next.w;
-    c[STATE_ANGLE] = part * now.w;
-    c[STATE_CURRENT_TIME] = part * now.i;
-    c[STATE_BUS_TIME] = part * a.bus_i * now.i;
     c[L::HAMMER_ANGLE] = part * now.hammer;
     c[L::HAMMER_SPEED] = next.hammer;
     c[L::ANVIL_ANGLE] = part * now.anvil;
     c[L::ANVIL_SPEED] = next.anvil;
     c[L::TWIST] = next.twist;
-    c[L::HOUSING_TIME] = part * housing;
     c[L::LUG_IMPULSE] = part * t.lug;
+}
+
+// Stores order n + 1 of the slow states: motor, integrals and arm
+template <class L>
+VGROOVE_INLINE void series_store_slow(const Impact &m, const SeriesRates &a, double drive_nm,
+                                      const SeriesStates &now, const SeriesStates &next, int n,
+                                      ImpactSeries<L> &to) {
+    const double part = SERIES_RECIPROCAL.of[n + 1];
+    double *c = to.c[n + 1].x;
+    const double *last = to.c[n].x;
+    const double housing = drive_nm - (m.ratio - 1.0) * m.motor_inertia * (n + 1) * next.w;
+    c[STATE_CURRENT] = next.i;
+    c[STATE_SPEED] = next.w;
+    c[STATE_ANGLE] = part * now.w;
+    c[STATE_CURRENT_TIME] = part * now.i;
+    c[STATE_BUS_TIME] = part * a.bus_i * now.i;
+    c[L::HOUSING_TIME] = part * housing;
     c[L::ARM_ANGLE] = part * last[L::ARM_SPEED];
     c[L::ARM_SPEED] =
         (part * m.arm_inertia_inverse) *
@@ -261,18 +279,26 @@ template <class L> __attribute__((noinline)) void series_expand(ImpactSolver<L> 
     const double *first = self.slope.x;
     SeriesStates now{first[STATE_CURRENT],  first[STATE_SPEED], first[L::HAMMER_SPEED],
                      first[L::ANVIL_SPEED], first[L::TWIST],    self.state.x[L::ANVIL_SPEED]};
-    for (int n = 1; n < SERIES_ORDER; ++n) {
+    for (int n = 1; n < SERIES_SLOW; ++n) {
         const double q_rate = now.w * m.ratio_inverse - now.hammer;
         y.q_rate()[n] = q_rate;
         if (n < SERIES_GROOVE) {
             y.q[n + 1] = SERIES_RECIPROCAL.of[n + 1] * q_rate;
             series_groove(m, y, n + 1);
         }
-        const SeriesTorques t = series_torques(m, a, y, now, n);
-        const SeriesStates next = series_states(m, a, t, now, n);
-        series_store<L>(m, a, t, now, next, n, to);
+        const SeriesTorques t = series_torques<true>(m, a, y, now, n);
+        const SeriesStates next = series_states<true>(m, a, t, now, n);
+        series_store_fast<L>(t, now, next, n, to);
+        series_store_slow<L>(m, a, t.drive, now, next, n, to);
         if (n < SERIES_GROOVE)
             series_shares(m, y, n + 1);
+        now = next;
+    }
+    for (int n = SERIES_SLOW; n < SERIES_ORDER; ++n) {
+        y.q_rate()[n] = -now.hammer;
+        const SeriesTorques t = series_torques<false>(m, a, y, now, n);
+        const SeriesStates next = series_states<false>(m, a, t, now, n);
+        series_store_fast<L>(t, now, next, n, to);
         now = next;
     }
 }
@@ -285,31 +311,40 @@ VGROOVE_INLINE double series_norm(const ImpactSolver<L> &self, const ImpactState
         max_of(std::fabs(c.x[L::HAMMER_SPEED]), std::fabs(c.x[L::ANVIL_SPEED])) * m.output_weight;
     const double twist =
         max_of(std::fabs(c.x[L::TWIST]), std::fabs(c.x[L::HAMMER_ANGLE])) * m.angle_weight;
-    return max_of(speeds, max_of(twist, std::fabs(c.x[STATE_CURRENT]) * m.current_weight)) /
+    return max_of(speeds, twist) / self.tolerance;
+}
+template <class L>
+VGROOVE_INLINE double series_slow_norm(const ImpactSolver<L> &self, const ImpactState<L> &c) {
+    const Impact &m = self.model;
+    return max_of(std::fabs(c.x[STATE_SPEED]) * m.speed_weight,
+                  std::fabs(c.x[STATE_CURRENT]) * m.current_weight) /
            self.tolerance;
 }
 
-// Longest step whose last two terms are within the tolerance
+// Longest step whose last two terms of the fast states and last term of the slow ones are within
+// the tolerance
 template <class L> VGROOVE_INLINE double series_longest(const ImpactSolver<L> &self) {
     const ImpactSeries<L> &s = self.step.series;
     const double last = rough_inverse_root(series_norm<L>(self, s.c[SERIES_ORDER]), SERIES_ORDER);
     const double before =
         rough_inverse_root(series_norm<L>(self, s.c[SERIES_ORDER - 1]), SERIES_ORDER - 1);
-    return SERIES_SHARE * min_of(last, before);
+    const double slow =
+        rough_inverse_root(series_slow_norm<L>(self, s.c[SERIES_SLOW]), SERIES_SLOW);
+    return SERIES_SHARE * min_of(slow, min_of(last, before));
 }
 
-// Derivative at the end less the series' slope there, for `count` states from `from` on
-template <class L>
-VGROOVE_INLINE void series_defect(const ImpactStep<L> &t, double h, int from, int count,
-                                  ImpactState<L> &error) {
-    double slope[4];
-    for (int n = 0; n < count; ++n)
-        slope[n] = SERIES_ORDER * t.series.c[SERIES_ORDER].x[from + n];
-    for (int k = SERIES_ORDER - 1; k > 0; --k)
-        for (int n = 0; n < count; ++n)
-            slope[n] = slope[n] * h + k * t.series.c[k].x[from + n];
-    for (int n = 0; n < count; ++n)
-        error.x[from + n] = t.end_slope.x[from + n] - slope[n];
+// Derivative at the end less the series' slope there, for COUNT states of one order from FROM on
+template <class L, int FROM, int COUNT>
+VGROOVE_INLINE void series_defect(const ImpactStep<L> &t, double h, ImpactState<L> &error) {
+    constexpr int ORDER = ImpactSeries<L>::order(FROM);
+    double slope[COUNT];
+    for (int n = 0; n < COUNT; ++n)
+        slope[n] = ORDER * t.series.c[ORDER].x[FROM + n];
+    for (int k = ORDER - 1; k > 0; --k)
+        for (int n = 0; n < COUNT; ++n)
+            slope[n] = slope[n] * h + k * t.series.c[k].x[FROM + n];
+    for (int n = 0; n < COUNT; ++n)
+        error.x[FROM + n] = t.end_slope.x[FROM + n] - slope[n];
 }
 
 // One trial step of length h; error: of each state, per second
@@ -320,8 +355,8 @@ __attribute__((noinline)) void series_attempt(ImpactSolver<L> &self, double h,
     t.end = impact_series_at<L>(t.series, h);
     t.end_point = impact_slope(self, h, t.end, t.end_slope);
     error = ImpactState<L>{};
-    series_defect<L>(t, h, STATE_CURRENT, 2, error);
-    series_defect<L>(t, h, L::HAMMER_SPEED, 4, error);
+    series_defect<L, STATE_CURRENT, 2>(t, h, error);
+    series_defect<L, L::HAMMER_SPEED, 4>(t, h, error);
 }
 
 }  // namespace vgroove

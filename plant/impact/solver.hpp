@@ -32,10 +32,16 @@ struct ImpactStats {
     double steps = 0.0, rejected = 0.0, events = 0.0, derivatives = 0.0;
 };
 
-constexpr int SERIES_ORDER = 12;  // of the Taylor series in a contact
+// Order of the Taylor series in a contact: of hammer, anvil, twist and lug impulse, and of the other
+// states, which change slowly
+constexpr int SERIES_ORDER = 12, SERIES_SLOW = 7;
 
 template <class L> struct ImpactSeries {
     ImpactState<L> c[SERIES_ORDER + 1];  // coefficients of the powers of time
+    static constexpr int FAST_FROM = L::HAMMER_ANGLE, FAST_TO = L::LUG_IMPULSE + 1;  // fast states
+    static constexpr int order(int state) {
+        return state >= FAST_FROM && state < FAST_TO ? SERIES_ORDER : SERIES_SLOW;
+    }
 };
 
 // One accepted step, for studies of the step size; event: the one that ended it, or -1.
