@@ -24,7 +24,7 @@ template <bool FULL_STATES, bool AUDITED> struct ImpactLayout {
     static constexpr int HAMMER_SPEED = HAMMER_ANGLE + 1;
     static constexpr int ANVIL_ANGLE = HAMMER_ANGLE + 2;
     static constexpr int ANVIL_SPEED = HAMMER_ANGLE + 3;
-    static constexpr int TWIST = HAMMER_ANGLE + 4;  // rad, elastic twist e of the joint
+    static constexpr int TWIST = HAMMER_ANGLE + 4;        // rad, elastic twist e of the joint
     static constexpr int LUG_IMPULSE = HAMMER_ANGLE + 5;  // N m s, integral of the lug torque
     static constexpr int ARM_ANGLE = HAMMER_ANGLE + 6;
     static constexpr int ARM_SPEED = HAMMER_ANGLE + 7;

@@ -173,71 +173,132 @@ struct SeriesStates {
     double i, w, hammer, anvil, twist, anvil_before;
 };
 
-// Coefficients of order n of the torques of lug, joint, drive and groove, with A = F0 + k x + m s'
-// q' (s' the change of s in time). Terms that do not need the newest states are added first.
-// SLOW: with current and motor speed, whose coefficients of high order are negligible.
-struct SeriesTorques {
-    double lug, joint, drive, groove;
+// Weights of the coefficients of order n in those of order n + 1, times n + 1: to_from, with the
+// letters of SeriesStates. Summing the newest coefficients with constant weights, after everything
+// that older coefficients give, keeps the chain of dependent operations from order to order short.
+struct SeriesWeights {
+    double lug_rate;                      // N m s, lug torque by hammer less anvil speed
+    double spindle;                       // JS / JJ
+    double joint_anvil, joint_twist;      // N m
+    double hammer_old, anvil_old, w_old;  // of torques from older coefficients
+    double lug_hammer, lug_w;             // of the lug torque through the groove and directly
+    double hammer_hammer, hammer_anvil, hammer_w, hammer_i;
+    double anvil_hammer, anvil_anvil, anvil_twist;
+    double twist_anvil, twist_twist;
+    double w_hammer, w_anvil, w_w, w_i;
 };
-template <bool SLOW>
-VGROOVE_INLINE SeriesTorques series_torques(const Impact &m, const SeriesRates &a, SeriesJet &y,
-                                            const SeriesStates &now, int n) {
-    const double before = SERIES_RECIPROCAL.of[n],
-                 spindle = m.hammer_inertia * m.spindle_inertia_inverse;
-    double *axial = y.axial() + n, *push = y.push() + n, *q_rate = y.q_rate() + n;
-    double old_axial = n <= SERIES_GROOVE ? m.rate_n_per_m * m.groove.lead * y.root[n] : 0.0,
-           old = 0.0;
+VGROOVE_INLINE SeriesWeights series_weights(const Impact &m, const SeriesRates &a,
+                                            const SeriesJet &y) {
+    SeriesWeights g;
+    const double share = y.share[0] * y.bend[0], carried = y.carried[0];
+    g.lug_rate = a.lug_speed + a.lug_ramp * y.relative[0];
+    g.spindle = m.hammer_inertia * m.spindle_inertia_inverse;
+    g.joint_anvil = a.joint_speed;
+    g.joint_twist = a.joint_twist - a.joint_head;
+    g.hammer_old = m.hammer_inertia_inverse;
+    g.anvil_old = m.anvil_inertia_inverse;
+    g.w_old = m.ratio * m.spindle_inertia_inverse;
+    g.lug_hammer = (carried - 1.0) * g.hammer_old;
+    g.lug_w = -carried * g.w_old;
+    const double drive_hammer = carried * g.spindle * g.hammer_old,
+                 drive_w = (1.0 - carried * g.spindle) * g.w_old;
+    g.hammer_hammer = g.lug_hammer * g.lug_rate - share * g.hammer_old;
+    g.hammer_anvil = -g.lug_hammer * g.lug_rate;
+    g.hammer_w = share * m.ratio_inverse * g.hammer_old + drive_hammer * a.drive_w;
+    g.hammer_i = drive_hammer * a.drive_i;
+    g.anvil_hammer = g.anvil_old * g.lug_rate;
+    g.anvil_anvil = -g.anvil_old * (g.lug_rate + g.joint_anvil);
+    g.anvil_twist = -g.anvil_old * g.joint_twist;
+    g.twist_anvil = a.twist_speed + a.twist_joint * g.joint_anvil;
+    g.twist_twist = a.twist_twist + a.twist_joint * g.joint_twist;
+    g.w_hammer = g.lug_w * g.lug_rate + share * g.w_old;
+    g.w_anvil = -g.lug_w * g.lug_rate;
+    g.w_w = drive_w * a.drive_w - share * m.ratio_inverse * g.w_old;
+    g.w_i = drive_w * a.drive_i;
+    return g;
+}
+
+// What the coefficients before order n give to the torques of order n: of lug, joint and groove,
+// with A = F0 + k x + m s' q' (s' the change of s in time)
+struct SeriesOld {
+    double lug, joint, groove, axial;
+};
+template <int N, bool SLOW>
+VGROOVE_INLINE SeriesOld series_old(const Impact &m, const SeriesRates &a, SeriesJet &y,
+                                    const SeriesStates &now) {
+    const double before = SERIES_RECIPROCAL.of[N];
+    const double *axial = y.axial() + N, *push = y.push() + N, *q_rate = y.q_rate() + N;
+    SeriesOld old{};
+    if constexpr (SLOW) {
+        if constexpr (N <= SERIES_GROOVE)
+            old.axial = m.rate_n_per_m * m.groove.lead * y.root[N];
+        for (int j = SERIES_GROOVE - 1; j >= 1; --j)
+            old.axial += y.bend[j] * q_rate[-j];
+        old.groove = y.share[0] * old.axial;
+        for (int j = SERIES_GROOVE; j >= 1; --j)
+            old.groove += y.share[j] * axial[-j];
+    }
     for (int j = SERIES_GROOVE; j >= 1; --j)
-        old += y.share[j] * axial[-j] + y.carried[j] * push[-j];
-    for (int j = SERIES_GROOVE - 1; j >= 1; --j)
-        old_axial += y.bend[j] * q_rate[-j];
-    SeriesTorques t;
-    y.relative[n] = before * y.rate[n - 1];
-    double lug = a.lug_angle * y.relative[n];
-    y.rate[n] = now.hammer - now.anvil;
+        old.groove += y.carried[j] * push[-j];
+    y.relative[N] = before * y.rate[N - 1];
+    old.lug = a.lug_angle * y.relative[N];
     if (a.lug_ramp != 0.0)
-        lug += a.lug_ramp * series_product(y.relative, y.rate, 0, n, n);
-    t.joint = a.joint_twist * now.twist + a.joint_speed * now.anvil;
-    if (a.joint_head != 0.0)
-        t.joint += a.joint_head * (before * now.anvil_before - now.twist);
-    t.lug = lug + a.lug_speed * y.rate[n];
-    push[0] = t.lug;
-    axial[0] = old_axial + y.bend[0] * q_rate[0];
-    t.groove = (old + y.share[0] * old_axial) +
-               ((y.share[0] * y.bend[0]) * q_rate[0] + y.carried[0] * t.lug);
-    t.drive = 0.0;
+        old.lug += a.lug_ramp * series_product(y.relative, y.rate, 1, N, N);
+    old.joint = a.joint_head * (before * now.anvil_before);
+    return old;
+}
+
+// Coefficients of order n + 1 of the states. SLOW: with current and motor speed, whose coefficients
+// of high order are negligible.
+template <int N, bool SLOW>
+VGROOVE_INLINE SeriesStates series_states(const SeriesRates &a, const SeriesWeights &g,
+                                          const SeriesOld &old, const SeriesStates &now) {
+    constexpr double part = SERIES_RECIPROCAL.of[N + 1];
+    SeriesStates next{};
+    double hammer = part * (g.hammer_old * old.groove + g.lug_hammer * old.lug);
+    if constexpr (SLOW) {
+        hammer += (part * g.hammer_w) * now.w + (part * g.hammer_i) * now.i;
+        next.w = part * (g.lug_w * old.lug - g.w_old * old.groove) +
+                 ((part * g.w_w) * now.w + (part * g.w_i) * now.i) +
+                 ((part * g.w_hammer) * now.hammer + (part * g.w_anvil) * now.anvil);
+        next.i = part * (a.current_i * now.i + a.current_w * now.w);
+    }
+    next.hammer =
+        hammer + ((part * g.hammer_hammer) * now.hammer + (part * g.hammer_anvil) * now.anvil);
+    next.anvil = (part * g.anvil_old * (old.lug - old.joint) + (part * g.anvil_twist) * now.twist) +
+                 ((part * g.anvil_hammer) * now.hammer + (part * g.anvil_anvil) * now.anvil);
+    next.twist = part * a.twist_joint * old.joint +
+                 ((part * g.twist_anvil) * now.anvil + (part * g.twist_twist) * now.twist);
+    next.anvil_before = now.anvil;
+    return next;
+}
+
+// Coefficients of order n of the torques of lug and drive; those that later orders need
+struct SeriesTorques {
+    double lug, drive;
+};
+template <int N, bool SLOW>
+VGROOVE_INLINE SeriesTorques series_torques(const SeriesRates &a, const SeriesWeights &g,
+                                            SeriesJet &y, const SeriesOld &old,
+                                            const SeriesStates &now) {
+    SeriesTorques t{};
+    y.rate[N] = now.hammer - now.anvil;
+    t.lug = old.lug + g.lug_rate * y.rate[N];
+    y.push()[N] = t.lug;
     if constexpr (SLOW) {
         t.drive = a.drive_i * now.i + a.drive_w * now.w;
-        push[0] += spindle * t.drive;
-        t.groove += (y.carried[0] * spindle) * t.drive;
+        y.push()[N] += g.spindle * t.drive;
+        y.axial()[N] = old.axial + y.bend[0] * y.q_rate()[N];
     }
     return t;
 }
 
-// Coefficients of order n + 1 of the states
-template <bool SLOW>
-VGROOVE_INLINE SeriesStates series_states(const Impact &m, const SeriesRates &a,
-                                          const SeriesTorques &t, const SeriesStates &now, int n) {
-    const double part = SERIES_RECIPROCAL.of[n + 1];
-    SeriesStates next{};
-    next.hammer = (part * m.hammer_inertia_inverse) * (t.groove - t.lug);
-    next.anvil = (part * m.anvil_inertia_inverse) * (t.lug - t.joint);
-    next.twist =
-        part * (a.twist_speed * now.anvil + a.twist_joint * t.joint + a.twist_twist * now.twist);
-    next.anvil_before = now.anvil;
-    if constexpr (SLOW) {
-        next.w = (part * m.ratio * m.spindle_inertia_inverse) * (t.drive - t.groove);
-        next.i = part * (a.current_i * now.i + a.current_w * now.w);
-    }
-    return next;
-}
-
 // Stores order n + 1 of the fast states
-template <class L>
+template <class L, int N>
 VGROOVE_INLINE void series_store_fast(const SeriesTorques &t, const SeriesStates &now,
-                                      const SeriesStates &next, int n, ImpactSeries<L> &to) {
-    const double part = SERIES_RECIPROCAL.of[n + 1];
-    double *c = to.c[n + 1].x;
+                                      const SeriesStates &next, ImpactSeries<L> &to) {
+    constexpr double part = SERIES_RECIPROCAL.of[N + 1];
+    double *c = to.c[N + 1].x;
     c[L::HAMMER_ANGLE] = part * now.hammer;
     c[L::HAMMER_SPEED] = next.hammer;
     c[L::ANVIL_ANGLE] = part * now.anvil;
@@ -247,14 +308,14 @@ VGROOVE_INLINE void series_store_fast(const SeriesTorques &t, const SeriesStates
 }
 
 // Stores order n + 1 of the slow states: motor, integrals and arm
-template <class L>
+template <class L, int N>
 VGROOVE_INLINE void series_store_slow(const Impact &m, const SeriesRates &a, double drive_nm,
-                                      const SeriesStates &now, const SeriesStates &next, int n,
+                                      const SeriesStates &now, const SeriesStates &next,
                                       ImpactSeries<L> &to) {
-    const double part = SERIES_RECIPROCAL.of[n + 1];
-    double *c = to.c[n + 1].x;
-    const double *last = to.c[n].x;
-    const double housing = drive_nm - (m.ratio - 1.0) * m.motor_inertia * (n + 1) * next.w;
+    constexpr double part = SERIES_RECIPROCAL.of[N + 1];
+    double *c = to.c[N + 1].x;
+    const double *last = to.c[N].x;
+    const double housing = drive_nm - (m.ratio - 1.0) * m.motor_inertia * (N + 1) * next.w;
     c[STATE_CURRENT] = next.i;
     c[STATE_SPEED] = next.w;
     c[STATE_ANGLE] = part * now.w;
@@ -265,6 +326,43 @@ VGROOVE_INLINE void series_store_slow(const Impact &m, const SeriesRates &a, dou
     c[L::ARM_SPEED] =
         (part * m.arm_inertia_inverse) *
         (housing - m.arm_damping * last[L::ARM_SPEED] - m.arm_stiffness * last[L::ARM_ANGLE]);
+}
+
+// Orders from N + 1 on, as long as the slow states have coefficients; each order is a function of
+// its own, so that the compiler knows which terms it has.
+template <class L, int N>
+VGROOVE_INLINE void series_slow_orders(const Impact &m, const SeriesRates &a,
+                                       const SeriesWeights &g, SeriesJet &y, SeriesStates &now,
+                                       ImpactSeries<L> &to) {
+    const double q_rate = now.w * m.ratio_inverse - now.hammer;
+    y.q_rate()[N] = q_rate;
+    if constexpr (N < SERIES_GROOVE) {
+        y.q[N + 1] = SERIES_RECIPROCAL.of[N + 1] * q_rate;
+        series_groove(m, y, N + 1);
+    }
+    const SeriesOld old = series_old<N, true>(m, a, y, now);
+    const SeriesStates next = series_states<N, true>(a, g, old, now);
+    const SeriesTorques t = series_torques<N, true>(a, g, y, old, now);
+    series_store_fast<L, N>(t, now, next, to);
+    series_store_slow<L, N>(m, a, t.drive, now, next, to);
+    if constexpr (N < SERIES_GROOVE)
+        series_shares(m, y, N + 1);
+    now = next;
+    if constexpr (N + 1 < SERIES_SLOW)
+        series_slow_orders<L, N + 1>(m, a, g, y, now, to);
+}
+
+// The other orders of the fast states
+template <class L, int N>
+VGROOVE_INLINE void series_fast_orders(const Impact &m, const SeriesRates &a,
+                                       const SeriesWeights &g, SeriesJet &y, SeriesStates &now,
+                                       ImpactSeries<L> &to) {
+    const SeriesOld old = series_old<N, false>(m, a, y, now);
+    const SeriesStates next = series_states<N, false>(a, g, old, now);
+    series_store_fast<L, N>(series_torques<N, false>(a, g, y, old, now), now, next, to);
+    now = next;
+    if constexpr (N + 1 < SERIES_ORDER)
+        series_fast_orders<L, N + 1>(m, a, g, y, now, to);
 }
 
 // Coefficients of all orders from the state and slope of the solver
@@ -279,28 +377,9 @@ template <class L> __attribute__((noinline)) void series_expand(ImpactSolver<L> 
     const double *first = self.slope.x;
     SeriesStates now{first[STATE_CURRENT],  first[STATE_SPEED], first[L::HAMMER_SPEED],
                      first[L::ANVIL_SPEED], first[L::TWIST],    self.state.x[L::ANVIL_SPEED]};
-    for (int n = 1; n < SERIES_SLOW; ++n) {
-        const double q_rate = now.w * m.ratio_inverse - now.hammer;
-        y.q_rate()[n] = q_rate;
-        if (n < SERIES_GROOVE) {
-            y.q[n + 1] = SERIES_RECIPROCAL.of[n + 1] * q_rate;
-            series_groove(m, y, n + 1);
-        }
-        const SeriesTorques t = series_torques<true>(m, a, y, now, n);
-        const SeriesStates next = series_states<true>(m, a, t, now, n);
-        series_store_fast<L>(t, now, next, n, to);
-        series_store_slow<L>(m, a, t.drive, now, next, n, to);
-        if (n < SERIES_GROOVE)
-            series_shares(m, y, n + 1);
-        now = next;
-    }
-    for (int n = SERIES_SLOW; n < SERIES_ORDER; ++n) {
-        y.q_rate()[n] = -now.hammer;
-        const SeriesTorques t = series_torques<false>(m, a, y, now, n);
-        const SeriesStates next = series_states<false>(m, a, t, now, n);
-        series_store_fast<L>(t, now, next, n, to);
-        now = next;
-    }
+    const SeriesWeights g = series_weights(m, a, y);
+    series_slow_orders<L, 1>(m, a, g, y, now, to);
+    series_fast_orders<L, SERIES_SLOW>(m, a, g, y, now, to);
 }
 
 // Largest coefficient of one order, relative to the tolerance

@@ -32,8 +32,8 @@ struct ImpactStats {
     double steps = 0.0, rejected = 0.0, events = 0.0, derivatives = 0.0;
 };
 
-// Order of the Taylor series in a contact: of hammer, anvil, twist and lug impulse, and of the other
-// states, which change slowly
+// Order of the Taylor series in a contact: of hammer, anvil, twist and lug impulse, and of the
+// other states, which change slowly
 constexpr int SERIES_ORDER = 12, SERIES_SLOW = 7;
 
 template <class L> struct ImpactSeries {
