@@ -82,7 +82,9 @@ VGROOVE_INLINE Electrical<double>
 impact_electrical(const Impact &m, const Drive<double> &in, const ImpactMode &mode, double tau,
                   const ImpactState<L> &s, ImpactState<L> &ds, ImpactPoint &at) {
     const Drivetrain<double> &d = m.drive;
-    const Electrical<double> e = drivetrain_electrical<double, L::COUNT>(d, in, mode.drive, tau, s);
+    const std::uint32_t effects = d.effects & IMPACT_EFFECTS<L>;
+    const Electrical<double> e =
+        drivetrain_electrical<double, L::COUNT, IMPACT_EFFECTS<L>>(d, in, mode.drive, tau, s);
     const double w = s.x[STATE_SPEED];
     ds.x[STATE_CURRENT] = 0.0;
     if (d.input != InputKind::CURRENT && !(in.open > 0.0 && mode.drive.diode == 0.0))
@@ -94,10 +96,10 @@ impact_electrical(const Impact &m, const Drive<double> &in, const ImpactMode &mo
     at.motor_w = w;
     at.bus_v = e.bus_v;
     at.emf_v = e.k * w;
-    at.friction_nm = friction_sliding<double>(d.friction, d.effects, mode.drive.slide, w, e.k * e.i,
+    at.friction_nm = friction_sliding<double>(d.friction, effects, mode.drive.slide, w, e.k * e.i,
                                               in.time_s + tau);
     if (mode.drive.slide == 0.0) {
-        const HoldLimits<double> hold = friction_hold<double>(d.friction, d.effects, e.k * e.i);
+        const HoldLimits<double> hold = friction_hold<double>(d.friction, effects, e.k * e.i);
         at.hold_forward_nm = hold.forward_nm;
         at.hold_backward_nm = hold.backward_nm;
     }
@@ -329,10 +331,12 @@ template <class L>
 VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double> &in,
                                              const ImpactMode &mode, double tau,
                                              const ImpactState<L> &s, ImpactState<L> &ds) {
+    impact_assume_layout<L>(m);
     ImpactPoint at{};
     const Electrical<double> e = impact_electrical<L>(m, in, mode, tau, s, ds, at);
     const double torque =
-        e.k * e.i - friction_of_angle<double>(m.drive.friction, m.drive.effects, s.x[STATE_ANGLE]);
+        e.k * e.i - friction_of_angle<double>(m.drive.friction, m.drive.effects & IMPACT_EFFECTS<L>,
+                                              s.x[STATE_ANGLE]);
     const double motor_nm = torque - at.friction_nm;
     const GroovePoint g = impact_geometry<L>(m, mode, s, at);
     const double spindle_nm = impact_spindle_torque<L>(m, s, motor_nm);

@@ -99,11 +99,24 @@ struct Impact {
 Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus_measured,
                    double command_peak);
 
+// Effects that a layout has
+template <class L>
+constexpr std::uint32_t IMPACT_EFFECTS = L::FULL ? ~std::uint32_t{0}
+                                                 : static_cast<std::uint32_t>(EFFECT_DEAD_TIME);
+
 // Whether the parameters need states or terms that only the FULL layout has
 VGROOVE_INLINE bool impact_needs_full(const Impact &m) {
-    return (m.drive.effects & ~static_cast<std::uint32_t>(EFFECT_DEAD_TIME)) != 0u ||
+    return (m.drive.effects & ~IMPACT_EFFECTS<FastLayout>) != 0u ||
            m.drive.input != InputKind::DUTY || m.drive.bus_measured || m.two_bodies ||
            m.second_output || m.flank_friction || m.ball_friction;
+}
+
+// States to the compiler what impact_needs_full excludes: without the FULL layout it leaves out the
+// code for it.
+template <class L> VGROOVE_INLINE void impact_assume_layout(const Impact &m) {
+    if constexpr (!L::FULL)
+        if (impact_needs_full(m))
+            __builtin_unreachable();
 }
 
 }  // namespace vgroove
