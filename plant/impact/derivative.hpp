@@ -326,8 +326,9 @@ VGROOVE_INLINE void impact_audit(const Impact &m, const Drive<double> &in,
         ds.x[L::LOSS_JOINT] += m.coupler_damping * ds.x[L::COUPLER_TWIST] * ds.x[L::COUPLER_TWIST];
 }
 
-// Derivative of the whole state, tau after the start of a step
-template <class L>
+// Derivative of the whole state, tau after the start of a step. POINT: with the ImpactPoint; without
+// it the torque of a joint that does not move is left out.
+template <class L, bool POINT = true>
 VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double> &in,
                                              const ImpactMode &mode, double tau,
                                              const ImpactState<L> &s, ImpactState<L> &ds) {
@@ -343,8 +344,12 @@ VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double
     const GrooveForces f = impact_groove<L>(m, mode, spindle_nm, g, at);
     ds.x[L::HAMMER_ANGLE] = s.x[L::HAMMER_SPEED];
     ds.x[L::HAMMER_SPEED] = f.hammer_rate;
-    impact_joint<L>(m, in, mode, tau, s, at);
-    impact_output<L>(m, mode, s, ds, at);
+    if (POINT || L::AUDIT || !(mode.ringing || mode.frozen)) {
+        impact_joint<L>(m, in, mode, tau, s, at);
+        impact_output<L>(m, mode, s, ds, at);
+    } else {
+        ds.x[L::ANVIL_ANGLE] = ds.x[L::ANVIL_SPEED] = ds.x[L::TWIST] = 0.0;
+    }
     impact_shafts<L>(m, mode, motor_nm, spindle_nm, f.spindle_rate, ds, at, s);
     impact_housing<L>(m, torque, s, ds, at);
     if constexpr (L::FULL) {

@@ -127,7 +127,7 @@ __attribute__((noinline)) void impact_stage(const ImpactSolver<L> &self, double 
                                             const ImpactState<L> &s, ImpactState<L> &ds) {
     if constexpr (L::FULL)
         ds = ImpactState<L>{};
-    impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
+    impact_derivative<L, false>(self.model, self.drive, self.mode, tau, s, ds);
 }
 
 // Runs for length_s with command and load as straight lines. L::EXACT or with fixed steps, a step
