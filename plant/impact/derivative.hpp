@@ -326,8 +326,8 @@ VGROOVE_INLINE void impact_audit(const Impact &m, const Drive<double> &in,
         ds.x[L::LOSS_JOINT] += m.coupler_damping * ds.x[L::COUPLER_TWIST] * ds.x[L::COUPLER_TWIST];
 }
 
-// Derivative of the whole state, tau after the start of a step. POINT: with the ImpactPoint; without
-// it the torque of a joint that does not move is left out.
+// Derivative of the whole state, tau after the start of a step. POINT: with the ImpactPoint;
+// without it the torque of a joint that does not move is left out.
 template <class L, bool POINT = true>
 VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double> &in,
                                              const ImpactMode &mode, double tau,
