@@ -255,20 +255,19 @@ VGROOVE_INLINE SeriesStates series_states(const SeriesRates &a, const SeriesWeig
                                           const SeriesOld &old, const SeriesStates &now) {
     constexpr double part = SERIES_RECIPROCAL.of[N + 1];
     SeriesStates next{};
-    double hammer = part * (g.hammer_old * old.groove + g.lug_hammer * old.lug);
+    double hammer = g.hammer_old * old.groove + g.lug_hammer * old.lug;
     if constexpr (SLOW) {
-        hammer += (part * g.hammer_w) * now.w + (part * g.hammer_i) * now.i;
-        next.w = part * (g.lug_w * old.lug - g.w_old * old.groove) +
-                 ((part * g.w_w) * now.w + (part * g.w_i) * now.i) +
-                 ((part * g.w_hammer) * now.hammer + (part * g.w_anvil) * now.anvil);
+        hammer += g.hammer_w * now.w + g.hammer_i * now.i;
+        next.w =
+            part * (((g.lug_w * old.lug - g.w_old * old.groove) + (g.w_w * now.w + g.w_i * now.i)) +
+                    (g.w_hammer * now.hammer + g.w_anvil * now.anvil));
         next.i = part * (a.current_i * now.i + a.current_w * now.w);
     }
-    next.hammer =
-        hammer + ((part * g.hammer_hammer) * now.hammer + (part * g.hammer_anvil) * now.anvil);
-    next.anvil = (part * g.anvil_old * (old.lug - old.joint) + (part * g.anvil_twist) * now.twist) +
-                 ((part * g.anvil_hammer) * now.hammer + (part * g.anvil_anvil) * now.anvil);
-    next.twist = part * a.twist_joint * old.joint +
-                 ((part * g.twist_anvil) * now.anvil + (part * g.twist_twist) * now.twist);
+    next.hammer = part * (hammer + (g.hammer_hammer * now.hammer + g.hammer_anvil * now.anvil));
+    next.anvil = part * ((g.anvil_old * (old.lug - old.joint) + g.anvil_twist * now.twist) +
+                         (g.anvil_hammer * now.hammer + g.anvil_anvil * now.anvil));
+    next.twist = part * (a.twist_joint * old.joint +
+                         (g.twist_anvil * now.anvil + g.twist_twist * now.twist));
     next.anvil_before = now.anvil;
     return next;
 }
