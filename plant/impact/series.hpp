@@ -11,7 +11,7 @@
 #ifndef VGROOVE_PLANT_IMPACT_SERIES_HPP
 #define VGROOVE_PLANT_IMPACT_SERIES_HPP
 
-#include "impact/interpolant.hpp"
+#include "impact/series_effects.hpp"
 #include "numeric/power_series.hpp"
 
 namespace vgroove {
@@ -21,17 +21,6 @@ constexpr double SERIES_SHARE = 0.7;    // of the length that the last terms all
 constexpr double SERIES_REDUCE = 0.5;   // factor on a step whose error is too large
 constexpr double SERIES_NEXT_S = 4e-4;  // first step of the method that follows the series
 constexpr Reciprocals<SERIES_ORDER> SERIES_RECIPROCAL = reciprocals<SERIES_ORDER>();
-
-// Derivatives of the linear quantities: name_x is the derivative of the quantity by x; i and w are
-// motor current and speed, the others belong to hammer, anvil and joint.
-struct SeriesRates {
-    double current_i, current_w, bus_i;  // A/s, and V of the bus
-    double drive_i, drive_w;             // N m on the spindle
-    double lug_angle, lug_speed;         // N m, by hammer less anvil
-    double lug_ramp;  // N m, by penetration times its rate, while the damping ramps up
-    double joint_twist, joint_speed, joint_head;   // N m
-    double twist_speed, twist_joint, twist_twist;  // rad/s
-};
 
 // The series during the recurrence; coefficients with a negative index are 0.
 struct SeriesJet {
@@ -46,10 +35,10 @@ struct SeriesJet {
     double *axial() { return axial_of + SERIES_GROOVE; }
 };
 
-// Whether the motion can be followed by series: everything but the groove and the joint's slip
-// torque is linear.
+// Whether the motion can be followed by series: everything but the groove, the joint's slip torque
+// and effects at the motor is linear.
 template <class L> VGROOVE_INLINE bool series_applies(const ImpactSolver<L> &self) {
-    if (L::EXACT || L::FULL || self.fixed_s > 0.0)
+    if (L::EXACT || self.fixed_s > 0.0 || (L::FULL && !series_takes_effects(self.model)))
         return false;
     const ImpactMode &mode = self.mode;
     const Drive<double> &in = self.drive;
@@ -61,24 +50,6 @@ template <class L> VGROOVE_INLINE bool series_applies(const ImpactSolver<L> &sel
         (self.model.joint.of_load && (in.load_rate != 0.0 || in.load_nm < 0.0)))
         return false;
     return true;
-}
-
-// i' = (duty bus - dead bus sign(i) - (R + Rb) i - k w) / L with bus = Voc - Rs duty i
-template <class L>
-VGROOVE_INLINE void series_electrical(const ImpactSolver<L> &self, SeriesRates &a) {
-    const Drivetrain<double> &d = self.model.drive;
-    const Drive<double> &in = self.drive;
-    const bool open = in.open > 0.0;
-    const double diode = self.mode.drive.diode, duty = open ? -diode : in.command;
-    a.bus_i = -d.supply.resistance_ohm * duty;
-    double share = duty;
-    if (d.effects & EFFECT_DEAD_TIME)
-        share -= self.state.x[STATE_CURRENT] > 0.0 ? in.dead : -in.dead;
-    const bool blocked = open && diode == 0.0;
-    a.current_i = blocked ? 0.0
-                          : (share * a.bus_i - d.bridge.resistance_ohm - d.motor.resistance_ohm) *
-                                d.motor.inductance_inverse;
-    a.current_w = blocked ? 0.0 : -d.motor.constant * d.motor.inductance_inverse;
 }
 
 // Derivative of a slip torque by the head angle
@@ -106,10 +77,11 @@ template <class L> VGROOVE_INLINE SeriesRates series_rates(const ImpactSolver<L>
     const Impact &m = self.model;
     const ImpactMode &mode = self.mode;
     SeriesRates a{};
-    series_electrical<L>(self, a);
+    if constexpr (L::FULL)
+        series_motor_effects<L>(self, a);
+    else
+        series_motor<L>(self, a);
     series_joint<L>(self, a);
-    a.drive_i = m.ratio * m.drive.motor.constant;
-    a.drive_w = -m.ratio * m.drive.friction.viscous;
     if (mode.place == ContactPlace::NONE)
         return a;
     const double arm = m.lug_radius_m * m.lug_radius_m;
@@ -319,6 +291,8 @@ VGROOVE_INLINE void series_store_slow(const Impact &m, const SeriesRates &a, dou
     c[STATE_SPEED] = next.w;
     c[STATE_ANGLE] = part * now.w;
     c[STATE_CURRENT_TIME] = part * now.i;
+    if constexpr (L::FULL)
+        series_store_effects<L>(a.effects, now.i, now.w, part, last, c);
     c[STATE_BUS_TIME] = part * a.bus_i * now.i;
     c[L::HOUSING_TIME] = part * housing;
     c[L::ARM_ANGLE] = part * last[L::ARM_SPEED];
@@ -394,9 +368,12 @@ VGROOVE_INLINE double series_norm(const ImpactSolver<L> &self, const ImpactState
 template <class L>
 VGROOVE_INLINE double series_slow_norm(const ImpactSolver<L> &self, const ImpactState<L> &c) {
     const Impact &m = self.model;
-    return max_of(std::fabs(c.x[STATE_SPEED]) * m.speed_weight,
-                  std::fabs(c.x[STATE_CURRENT]) * m.current_weight) /
-           self.tolerance;
+    double speed = std::fabs(c.x[STATE_SPEED]), current = std::fabs(c.x[STATE_CURRENT]);
+    if constexpr (L::FULL) {
+        speed = max_of(speed, std::fabs(c.x[STATE_SPEED_FILTER]));
+        current = max_of(current, std::fabs(c.x[STATE_CURRENT_FILTER]));
+    }
+    return max_of(speed * m.speed_weight, current * m.current_weight) / self.tolerance;
 }
 
 // Longest step whose last two terms of the fast states and last term of the slow ones are within
