@@ -17,7 +17,7 @@ namespace vgroove {
 // the method of fourth.
 constexpr double FLIGHT_ERROR_SHARE = 0.014;
 // Distance from the groove's vertex, over the vertex radius, beyond which the method is used.
-constexpr double FLIGHT_VERTICES = 8.0;
+constexpr double FLIGHT_VERTICES = 3.0;
 // Longest step towards the vertex, over the distance from it.
 constexpr double FLIGHT_APPROACH = 0.5;
 
