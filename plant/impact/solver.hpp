@@ -51,25 +51,29 @@ struct StepRecord {
 };
 
 // A step that has been tried. `slopes`: of its stages. `dense`: coefficients of the interpolant
-// y + u (d1 + (1 - u) (d2 + u (d3 + (1 - u) d4))), u the share of the step.
+// y + u (d1 + (1 - u) (d2 + u (d3 + (1 - u) (d4 + u d5)))), u the share of the step.
 template <class L> struct ImpactStep {
     StageSlopes<double, L::COUNT> slopes;
-    ImpactState<L> dense_1, dense_2, dense_3, dense_4;  // once dense_ready
+    ImpactState<L> dense_1, dense_2, dense_3, dense_4, dense_5;  // once dense_ready
     ImpactSeries<L> series;
     ImpactState<L> end, end_slope;
     ImpactPoint end_point;
     double error;
     double h, share;  // length, and the share of it that is accepted
     int event;        // that ends it, or -1
-    bool flight;      // by the method of flight.hpp, whose interpolant is of third order
+    bool flight;      // by the method of flight.hpp, whose interpolant has d5
     bool by_series;   // by Taylor series, which is its own interpolant
     bool dense_ready;
 };
 
 // Weights of a flight step of length h for a current that decays at `rate`: phi functions of -rate
-// h and of half of it
+// h and of half of it; weights of the hammer's oscillation for half the step and all of it
+struct SwingWeights {
+    double t1, t2, t3, t4;
+};
 struct FlightWeights {
     double h, rate;
+    SwingWeights half, full;
     double half_1, half_2, full_1, full_2, full_3;
 };
 
