@@ -88,8 +88,8 @@ struct Impact {
     // ring_swings: the damping is less than critical
     double ring_decay, ring_square, ring_rate;
     bool ring_swings;
-    // Hammer and spindle on the spring, on a flank of the groove: square of the natural frequency of
-    // the groove angle, and the spindle's share in a change of that angle
+    // Hammer and spindle on the spring, on a flank of the groove: square of the natural frequency
+    // of the groove angle, and the spindle's share in a change of that angle
     double swing_square, swing_share;
     double coupler_stiffness, coupler_damping, output_inertia, output_inertia_inverse;
     double pendulum_nm, zero_rad;
