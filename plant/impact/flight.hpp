@@ -152,8 +152,7 @@ VGROOVE_INLINE GrooveMotion swing_end(const SwingWeights &w, double h, double sq
 
 // One trial step of length h; error: of each state, per second
 template <class L>
-__attribute__((noinline)) void flight_attempt(ImpactSolver<L> &self, double h,
-                                              ImpactState<L> &error) {
+VGROOVE_CLONES_APART void flight_attempt(ImpactSolver<L> &self, double h, ImpactState<L> &error) {
     constexpr int I = STATE_CURRENT;
     ImpactStep<L> &t = self.step;
     const ImpactState<L> &y = self.state, &k1 = self.slope;

@@ -50,8 +50,7 @@ VGROOVE_INLINE void flight_dense(ImpactSolver<L> &self, double h, int angle, int
 }
 
 // Computes the coefficients of the interpolant of a tried step of length h, unless they are there.
-template <class L>
-__attribute__((noinline)) void impact_interpolate(ImpactSolver<L> &self, double h) {
+template <class L> VGROOVE_CLONES_APART void impact_interpolate(ImpactSolver<L> &self, double h) {
     ImpactStep<L> &t = self.step;
     if (t.dense_ready)
         return;
@@ -80,7 +79,7 @@ __attribute__((noinline)) void impact_interpolate(ImpactSolver<L> &self, double 
 
 // State at t after the start of a series
 template <class L>
-__attribute__((noinline)) ImpactState<L> impact_series_at(const ImpactSeries<L> &p, double t) {
+VGROOVE_CLONES_APART ImpactState<L> impact_series_at(const ImpactSeries<L> &p, double t) {
     using Series = ImpactSeries<L>;
     ImpactState<L> s = p.c[SERIES_SLOW];
     for (int n = Series::FAST_FROM; n < Series::FAST_TO; ++n)

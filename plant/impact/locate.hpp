@@ -131,9 +131,8 @@ VGROOVE_INLINE double impact_instant(ImpactSolver<L> &self, double h, int event,
 // The earliest event of the tried step among `met` and `turned` (grazing), as bits, and its share
 // of the step; -1: none
 template <class L>
-__attribute__((noinline)) int impact_earliest_event(ImpactSolver<L> &self, double h, unsigned met,
-                                                    unsigned turned, double width_s,
-                                                    double &share) {
+VGROOVE_CLONES_APART int impact_earliest_event(ImpactSolver<L> &self, double h, unsigned met,
+                                               unsigned turned, double width_s, double &share) {
     impact_interpolate(self, h);
     int event = -1;
     share = 1.0;

@@ -339,7 +339,7 @@ VGROOVE_INLINE void series_fast_orders(const Impact &m, const SeriesRates &a,
 }
 
 // Coefficients of all orders from the state and slope of the solver
-template <class L> __attribute__((noinline)) void series_expand(ImpactSolver<L> &self) {
+template <class L> VGROOVE_CLONES_APART void series_expand(ImpactSolver<L> &self) {
     const Impact &m = self.model;
     const SeriesRates a = series_rates<L>(self);
     ImpactSeries<L> &to = self.step.series;
@@ -392,7 +392,7 @@ template <class L> VGROOVE_INLINE double series_longest(const ImpactSolver<L> &s
 template <class L, int FROM, int COUNT>
 VGROOVE_INLINE void series_defect(const ImpactStep<L> &t, double h, ImpactState<L> &error) {
     constexpr int ORDER = ImpactSeries<L>::order(FROM);
-    double slope[COUNT];
+    double slope[static_cast<unsigned>(COUNT)];
     for (int n = 0; n < COUNT; ++n)
         slope[n] = ORDER * t.series.c[ORDER].x[FROM + n];
     for (int k = ORDER - 1; k > 0; --k)
@@ -404,8 +404,7 @@ VGROOVE_INLINE void series_defect(const ImpactStep<L> &t, double h, ImpactState<
 
 // One trial step of length h; error: of each state, per second
 template <class L>
-__attribute__((noinline)) void series_attempt(ImpactSolver<L> &self, double h,
-                                              ImpactState<L> &error) {
+VGROOVE_CLONES_APART void series_attempt(ImpactSolver<L> &self, double h, ImpactState<L> &error) {
     ImpactStep<L> &t = self.step;
     t.end = impact_series_at<L>(t.series, h);
     t.end_point = impact_slope(self, h, t.end, t.end_slope);

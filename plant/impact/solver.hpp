@@ -117,8 +117,8 @@ template <class L> struct ImpactSolver {
 // Derivative and ImpactPoint (forces and geometry) in a state, tau after the start of the step. Not
 // inlined: the code of a step must fit into the processor's first-level cache.
 template <class L>
-__attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau,
-                                                   const ImpactState<L> &s, ImpactState<L> &ds) {
+VGROOVE_CLONES_APART ImpactPoint impact_slope(ImpactSolver<L> &self, double tau,
+                                              const ImpactState<L> &s, ImpactState<L> &ds) {
     self.stats.derivatives += 1.0;
     if constexpr (L::FULL)
         ds = ImpactState<L>{};
@@ -127,8 +127,8 @@ __attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double
 
 // The derivative alone, for the stages of a step
 template <class L>
-__attribute__((noinline)) void impact_stage(const ImpactSolver<L> &self, double tau,
-                                            const ImpactState<L> &s, ImpactState<L> &ds) {
+VGROOVE_CLONES_APART void impact_stage(const ImpactSolver<L> &self, double tau,
+                                       const ImpactState<L> &s, ImpactState<L> &ds) {
     if constexpr (L::FULL)
         ds = ImpactState<L>{};
     impact_derivative<L, false>(self.model, self.drive, self.mode, tau, s, ds);

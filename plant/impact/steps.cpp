@@ -12,8 +12,8 @@ constexpr double EVENT_WIDTH_EXACT_S = 1e-12, EVENT_WIDTH_S = 1e-9;
 // Adapts the step length to the error of the tried step; a step that was shortened by the end of
 // the stretch does not reduce it.
 template <class L>
-__attribute__((noinline)) void impact_adapt(ImpactSolver<L> &self, double h, double factor,
-                                            bool has_event) {
+VGROOVE_CLONES_APART void impact_adapt(ImpactSolver<L> &self, double h, double factor,
+                                       bool has_event) {
     const double allowed =
         min_of(h * min_of(factor, 5.0), self.step.flight ? IMPACT_FLIGHT_MAX_S : IMPACT_STEP_MAX_S);
     if (self.step.by_series) {
@@ -99,7 +99,7 @@ template <class L> VGROOVE_INLINE void impact_prepare(ImpactSolver<L> &self) {
 }
 
 // Tries steps until the error of one is small enough, and finds its first event.
-template <class L> __attribute__((noinline)) void impact_try_step(ImpactSolver<L> &self) {
+template <class L> VGROOVE_CLONES_APART void impact_try_step(ImpactSolver<L> &self) {
     ImpactStep<L> &t = self.step;
     impact_prepare(self);
     for (;;) {
