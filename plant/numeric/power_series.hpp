@@ -45,7 +45,7 @@ VGROOVE_INLINE PolynomialPoint polynomial_at(const Polynomial<ORDER> &p, double 
 
 constexpr int ZERO_REPEATS_MAX = 40;
 constexpr int MINIMUM_REPEATS_MAX = 12;
-constexpr double MINIMUM_SHARE = 1e-3;  // of the interval: the minimum is located within this
+constexpr double MINIMUM_SHARE = 1e-3;  // of the interval: a shorter step of Newton's is the last
 
 // Zero of the parabola through value and slope at 0 and the value at `high`
 template <int ORDER>
@@ -92,9 +92,9 @@ VGROOVE_INLINE double polynomial_minimum(const Polynomial<ORDER> &p, double h) {
         const PolynomialPoint g = polynomial_at(p, t);
         (g.slope < 0.0 ? low : high) = t;
         const double step = 0.5 * g.slope / g.bend, next = t - step;
-        t = next > low && next < high ? next : 0.5 * (low + high);
         if (std::fabs(step) < MINIMUM_SHARE * h)
-            break;
+            return max_of(min_of(next, high), low);
+        t = next > low && next < high ? next : 0.5 * (low + high);
     }
     return t;
 }
@@ -105,7 +105,7 @@ VGROOVE_INLINE double rough_inverse_root(double x, unsigned n) {
     return from_bits<double>(ONE + ONE / n - bits_of(x) / n);
 }
 
-// x^(-1/5) within 1e-5, with the same bits on every machine: a guess from the exponent, then two
+// x^(-1/5) within 2e-4, with the same bits on every machine: a guess from the exponent, then two
 // Newton steps
 inline double fifth_inverse_root(double x) {
     double y = from_bits<double>(0x4CB8E91F5C28F5C2u - bits_of(x) / 5u);
