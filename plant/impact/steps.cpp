@@ -42,14 +42,23 @@ template <class L> VGROOVE_INLINE double impact_length(const ImpactSolver<L> &se
     return pieces > 1.0 ? self.horizon_s / pieces : self.horizon_s;
 }
 
-// L::EXACT: tries a step that ends at the instant of the event. If rounding leaves the event
-// function positive at its end, the event is left to the next step.
+// L::EXACT: tries a step that ends at the instant of the event. Rounding may leave the event
+// function at 0 or above there: the step is then longer, by a length that doubles, up to the step
+// in which the event was found.
 template <class L> VGROOVE_INLINE void impact_reach_event(ImpactSolver<L> &self) {
     const int event = self.step.event;
-    impact_attempt(self, self.step.h * self.step.share);
-    if (impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, event) <
-        0.0)
-        self.step.event = event;
+    const double whole = self.step.h;
+    double h = whole * self.step.share;
+    for (double more = EVENT_WIDTH_EXACT_S;; more *= 2.0) {
+        impact_attempt(self, h);
+        const bool met = impact_event_value<L>(self.model, self.mode, self.step.end,
+                                               self.step.end_point, event) < 0.0;
+        if (met)
+            self.step.event = event;
+        if (met || h >= whole)
+            return;
+        h = min_of(h + more, whole);
+    }
 }
 
 // Whether the hammer, without contact, rises above the lugs or comes down into a gap within the
