@@ -243,6 +243,35 @@ TEST(ImpactPlant, FixedStepsHaveBoundedWork) {
     }
 }
 
+// Hammer and anvil at an angle of 20 rad that separate so slowly that a step of the width within
+// which events are located may change both angles by the same rounded amount: the penetration stays
+// exactly 0 unless the step is lengthened.
+TEST(ImpactSolver, ReferenceModeLeavesAContactWhosePenetrationIsExactlyZero) {
+    using L = AuditLayout;
+    const Parameters p = reference_tool();
+    for (int n = 0; n < 30; ++n) {
+        ImpactSolver<L> s{};
+        s.parameters = &p;
+        s.model = impact_from(p, LoadKind::NONE, InputKind::DUTY, false, 0.0);
+        s.tolerance = IMPACT_TOLERANCE_REFERENCE;
+        impact_start(s);
+        impact_enter_contact(s.mode, ContactPlace::FORWARD);
+        s.mode.approaching = false;
+        s.mode.drive.slide = 1.0;
+        s.mode.slip = 1;
+        const double speed = 200.0 + 0.37 * n;
+        s.state.x[L::HAMMER_ANGLE] = 20.0;
+        s.state.x[L::ANVIL_ANGLE] = 20.0 + s.model.start_rad - s.mode.forward_rad;
+        s.state.x[STATE_ANGLE] = s.model.ratio * 20.0;
+        s.state.x[L::HAMMER_SPEED] = speed;
+        s.state.x[L::ANVIL_SPEED] = speed + 0.003;
+        s.state.x[STATE_SPEED] = s.model.ratio * speed;
+        impact_run(s, 1e-7);
+        EXPECT_EQ(s.mode.place, ContactPlace::NONE) << speed;
+        EXPECT_LT(s.stats.steps, 20.0) << speed;
+    }
+}
+
 // Contacts of a run of 0.2 s in steps of one PWM period; the bridge is open in the last 0.04 s.
 static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accuracy, double duty,
                                      double dead) {
