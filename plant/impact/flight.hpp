@@ -17,11 +17,11 @@ namespace vgroove {
 
 // Share of the difference of slopes that is taken as the error: the difference is of third order,
 // the method of fourth.
-constexpr double FLIGHT_ERROR_SHARE = 0.014;
+constexpr double FLIGHT_ERROR_SHARE = 0.02;
 // Distance from the groove's vertex, over the vertex radius, beyond which the method is used.
 constexpr double FLIGHT_VERTICES = 3.0;
 // Longest step towards the vertex, over the distance from it.
-constexpr double FLIGHT_APPROACH = 0.4;
+constexpr double FLIGHT_APPROACH = 0.45;
 
 // Rate at which the current decays by itself, 1/s
 VGROOVE_INLINE double flight_rate(const Impact &m, const ImpactMode &mode,

@@ -17,7 +17,7 @@
 
 namespace vgroove {
 
-constexpr double IMPACT_STEP_MAX_S = 1e-3, IMPACT_FLIGHT_MAX_S = 2.6e-3, IMPACT_STEP_MIN_S = 1e-12;
+constexpr double IMPACT_STEP_MAX_S = 1e-3, IMPACT_FLIGHT_MAX_S = 2.2e-3, IMPACT_STEP_MIN_S = 1e-12;
 constexpr double IMPACT_NO_HORIZON_S = 1e9;
 constexpr double IMPACT_SAME_S = 1e-15;          // instants that differ by rounding only
 constexpr double IMPACT_FIRST_CONTACT_S = 4e-6;  // first step after a contact begins
