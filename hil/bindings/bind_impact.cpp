@@ -123,11 +123,10 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
     const vgroove::ImpactAccuracy accuracy = accuracy_of(mode);
     if (energy && accuracy != vgroove::ImpactAccuracy::REFERENCE)
         throw std::invalid_argument("simulate_impact: energy needs mode reference");
-    double *block = new double[vgroove::IMPACT_COLUMN_COUNT * size + 1];
-    nb::capsule owner(block, [](void *p) noexcept { delete[] static_cast<double *>(p); });
+    const ColumnBlock block = column_block(vgroove::IMPACT_COLUMN_COUNT * size);
     vgroove::ImpactOutput out{};
     for (std::size_t n = 0; n < vgroove::IMPACT_COLUMN_COUNT; ++n)
-        out.columns[n] = block + n * size;
+        out.columns[n] = block.data + n * size;
     if (trace_s)
         out.trace_s.assign(trace_s->data(), trace_s->data() + trace_s->shape(0));
     out.keep_history = history;
@@ -141,7 +140,7 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
     nb::dict result;
     for (std::size_t n = 0; n < vgroove::IMPACT_COLUMN_COUNT; ++n)
         result[vgroove::IMPACT_COLUMN_NAMES[n]] =
-            nb::ndarray<nb::numpy, double, nb::ndim<2>>(out.columns[n], {batch, rows}, owner);
+            nb::ndarray<nb::numpy, double, nb::ndim<2>>(out.columns[n], {batch, rows}, block.owner);
     add_lists(result, out);
     return result;
 }

@@ -16,6 +16,14 @@ using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_co
                                  nanobind::device::cpu>;                       // in
 using Vector = nanobind::ndarray<nanobind::numpy, double, nanobind::ndim<1>>;  // out
 
+// Uninitialised doubles for the columns of a run. A large block asks the system for large pages:
+// at the first access to a page the system stops the run, which costs 5 % of a large batch.
+struct ColumnBlock {
+    double *data;
+    nanobind::capsule owner;
+};
+ColumnBlock column_block(std::size_t count);
+
 // Array (count,) of get(0) to get(count - 1)
 template <class Get> Vector vector_of(std::size_t count, Get get) {
     auto *data = new double[count + 1];

@@ -47,22 +47,24 @@ template <class V> struct Electrical {
     V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v, ripple_a;
 };
 
-template <class V, int N>
+// EFFECTS: those that may be on
+template <class V, int N, std::uint32_t EFFECTS = ~std::uint32_t{0}>
 VGROOVE_INLINE Electrical<V> drivetrain_electrical(const Drivetrain<V> &m, const Drive<V> &in,
                                                    const Mode<V> &mode, V tau,
                                                    const State<V, N> &s) {
     Electrical<V> e{};
+    const std::uint32_t effects = m.effects & EFFECTS;
     const V command = in.command + in.command_rate * tau;
-    e.source_v = supply_source<V, N>(m.supply, m.effects, s);
+    e.source_v = supply_source<V, N>(m.supply, effects, s);
     e.bus_v = m.bus_measured ? in.bus_v : e.source_v;
     if (m.input == InputKind::CURRENT) {
         e.i = command;
-        e.k = motor_constant<V>(m.motor, m.effects, e.i);
+        e.k = motor_constant<V>(m.motor, effects, e.i);
         return e;
     }
     e.i = s.x[STATE_CURRENT];
-    e.k = motor_constant<V>(m.motor, m.effects, e.i);
-    e.r = motor_resistance<V, N>(m.motor, m.effects, s);
+    e.k = motor_constant<V>(m.motor, effects, e.i);
+    e.r = motor_resistance<V, N>(m.motor, effects, s);
     e.duty = in.open > 0.0 ? -mode.diode : command;
     e.ripple_a = splat<V>(RIPPLE_FLOOR_A);
     if (m.input == InputKind::VOLTAGE) {
@@ -72,9 +74,9 @@ VGROOVE_INLINE Electrical<V> drivetrain_electrical(const Drivetrain<V> &m, const
         if (!m.bus_measured)
             e.bus_v = supply_bus<V>(m.supply, e.source_v, e.bus_a);
         e.ripple_a = bridge_ripple<V>(m.bridge, e.duty, e.bus_v);
-        e.terminal_v = bridge_voltage<V>(m.bridge, m.effects, in, e.duty, e.bus_v, e.ripple_a, e.i);
+        e.terminal_v = bridge_voltage<V>(m.bridge, effects, in, e.duty, e.bus_v, e.ripple_a, e.i);
     }
-    e.brush_v = motor_brush_voltage<V>(m.motor, m.effects, e.i, e.ripple_a);
+    e.brush_v = motor_brush_voltage<V>(m.motor, effects, e.i, e.ripple_a);
     return e;
 }
 

@@ -26,7 +26,7 @@ template <class L> VGROOVE_INLINE double impact_torque_rate(const ImpactSolver<L
 
 // Accepts the tried step up to a share of it, and applies the event that ends it (-1: none).
 template <class L>
-__attribute__((noinline)) void impact_accept(ImpactSolver<L> &self, double share, int event) {
+VGROOVE_CLONES_APART void impact_accept(ImpactSolver<L> &self, double share, int event) {
     const double h = self.step.h, torque = self.point.joint_nm, rate = impact_torque_rate(self);
     if (self.observer)
         self.observer->step(self, h, share);

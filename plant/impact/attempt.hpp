@@ -37,7 +37,7 @@ VGROOVE_INLINE double impact_error(const ImpactSolver<L> &self, double h, const 
 
 // By Dormand and Prince
 template <class L>
-__attribute__((noinline)) void impact_attempt_contact(ImpactSolver<L> &self, double h) {
+VGROOVE_CLONES_APART void impact_attempt_contact(ImpactSolver<L> &self, double h) {
     constexpr StageSum SUM = StageSum::LAST_SLOPE_LAST;
     constexpr int N = L::COUNT;
     ImpactStep<L> &t = self.step;

@@ -82,7 +82,9 @@ VGROOVE_INLINE Electrical<double>
 impact_electrical(const Impact &m, const Drive<double> &in, const ImpactMode &mode, double tau,
                   const ImpactState<L> &s, ImpactState<L> &ds, ImpactPoint &at) {
     const Drivetrain<double> &d = m.drive;
-    const Electrical<double> e = drivetrain_electrical<double, L::COUNT>(d, in, mode.drive, tau, s);
+    const std::uint32_t effects = d.effects & IMPACT_EFFECTS<L>;
+    const Electrical<double> e =
+        drivetrain_electrical<double, L::COUNT, IMPACT_EFFECTS<L>>(d, in, mode.drive, tau, s);
     const double w = s.x[STATE_SPEED];
     ds.x[STATE_CURRENT] = 0.0;
     if (d.input != InputKind::CURRENT && !(in.open > 0.0 && mode.drive.diode == 0.0))
@@ -94,10 +96,10 @@ impact_electrical(const Impact &m, const Drive<double> &in, const ImpactMode &mo
     at.motor_w = w;
     at.bus_v = e.bus_v;
     at.emf_v = e.k * w;
-    at.friction_nm = friction_sliding<double>(d.friction, d.effects, mode.drive.slide, w, e.k * e.i,
+    at.friction_nm = friction_sliding<double>(d.friction, effects, mode.drive.slide, w, e.k * e.i,
                                               in.time_s + tau);
     if (mode.drive.slide == 0.0) {
-        const HoldLimits<double> hold = friction_hold<double>(d.friction, d.effects, e.k * e.i);
+        const HoldLimits<double> hold = friction_hold<double>(d.friction, effects, e.k * e.i);
         at.hold_forward_nm = hold.forward_nm;
         at.hold_backward_nm = hold.backward_nm;
     }
@@ -324,23 +326,30 @@ VGROOVE_INLINE void impact_audit(const Impact &m, const Drive<double> &in,
         ds.x[L::LOSS_JOINT] += m.coupler_damping * ds.x[L::COUPLER_TWIST] * ds.x[L::COUPLER_TWIST];
 }
 
-// Derivative of the whole state, tau after the start of a step
-template <class L>
+// Derivative of the whole state, tau after the start of a step. POINT: with the ImpactPoint;
+// without it the torque of a joint that does not move is left out.
+template <class L, bool POINT = true>
 VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double> &in,
                                              const ImpactMode &mode, double tau,
                                              const ImpactState<L> &s, ImpactState<L> &ds) {
+    impact_assume_layout<L>(m);
     ImpactPoint at{};
     const Electrical<double> e = impact_electrical<L>(m, in, mode, tau, s, ds, at);
     const double torque =
-        e.k * e.i - friction_of_angle<double>(m.drive.friction, m.drive.effects, s.x[STATE_ANGLE]);
+        e.k * e.i - friction_of_angle<double>(m.drive.friction, m.drive.effects & IMPACT_EFFECTS<L>,
+                                              s.x[STATE_ANGLE]);
     const double motor_nm = torque - at.friction_nm;
     const GroovePoint g = impact_geometry<L>(m, mode, s, at);
     const double spindle_nm = impact_spindle_torque<L>(m, s, motor_nm);
     const GrooveForces f = impact_groove<L>(m, mode, spindle_nm, g, at);
     ds.x[L::HAMMER_ANGLE] = s.x[L::HAMMER_SPEED];
     ds.x[L::HAMMER_SPEED] = f.hammer_rate;
-    impact_joint<L>(m, in, mode, tau, s, at);
-    impact_output<L>(m, mode, s, ds, at);
+    if (POINT || L::AUDIT || !(mode.ringing || mode.frozen)) {
+        impact_joint<L>(m, in, mode, tau, s, at);
+        impact_output<L>(m, mode, s, ds, at);
+    } else {
+        ds.x[L::ANVIL_ANGLE] = ds.x[L::ANVIL_SPEED] = ds.x[L::TWIST] = 0.0;
+    }
     impact_shafts<L>(m, mode, motor_nm, spindle_nm, f.spindle_rate, ds, at, s);
     impact_housing<L>(m, torque, s, ds, at);
     if constexpr (L::FULL) {

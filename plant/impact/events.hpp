@@ -148,13 +148,39 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
     }
 }
 
-// Those of the possible events whose function is negative, as bits
+// Bit of an event whose function is negative
+template <class L, ImpactEvent EVENT>
+VGROOVE_INLINE unsigned impact_event_met(const Impact &m, const ImpactMode &mode,
+                                         const ImpactState<L> &s, const ImpactPoint &at) {
+    return (impact_event_value<L>(m, mode, s, at, EVENT) < 0.0 ? 1u : 0u) << EVENT;
+}
+
+// Those of the possible events whose function is negative, as bits. The frequent events are
+// evaluated in groups, without a branch for each.
 template <class L>
 VGROOVE_INLINE unsigned impact_events_met(const Impact &m, const ImpactMode &mode,
                                           unsigned possible, const ImpactState<L> &s,
                                           const ImpactPoint &at) {
-    unsigned met = 0u;
-    for (unsigned left = possible; left != 0u; left &= left - 1u) {
+    constexpr unsigned CONTACT =
+        impact_bit(IMPACT_LEAVE) | impact_bit(IMPACT_TURN) | impact_bit(IMPACT_RAMP);
+    constexpr unsigned GAP = impact_bit(IMPACT_FORWARD) | impact_bit(IMPACT_BACKWARD);
+    constexpr unsigned SLIP = impact_bit(IMPACT_SLIP_FORWARD) | impact_bit(IMPACT_SLIP_BACKWARD);
+    unsigned met = impact_event_met<L, IMPACT_MOTOR>(m, mode, s, at) |
+                   impact_event_met<L, IMPACT_HEIGHT>(m, mode, s, at);
+    if (possible & CONTACT)
+        met |= impact_event_met<L, IMPACT_LEAVE>(m, mode, s, at) |
+               impact_event_met<L, IMPACT_TURN>(m, mode, s, at) |
+               impact_event_met<L, IMPACT_RAMP>(m, mode, s, at);
+    if (possible & GAP)
+        met |= impact_event_met<L, IMPACT_FORWARD>(m, mode, s, at) |
+               impact_event_met<L, IMPACT_BACKWARD>(m, mode, s, at);
+    if (possible & SLIP)
+        met |= impact_event_met<L, IMPACT_SLIP_FORWARD>(m, mode, s, at) |
+               impact_event_met<L, IMPACT_SLIP_BACKWARD>(m, mode, s, at);
+    constexpr unsigned GROUPS =
+        impact_bit(IMPACT_MOTOR) | impact_bit(IMPACT_HEIGHT) | CONTACT | GAP | SLIP;
+    met &= possible;
+    for (unsigned left = possible & ~GROUPS; left != 0u; left &= left - 1u) {
         const int event = __builtin_ctz(left);
         if (impact_event_value<L>(m, mode, s, at, event) < 0.0)
             met |= 1u << event;

@@ -65,7 +65,7 @@ template <class L> VGROOVE_INLINE void impact_fixed_piece(ImpactSolver<L> &self,
 
 // Steps of fixed_s: undivided in flight, in pieces of at most IMPACT_PIECE_S where they are stiff
 template <class L>
-__attribute__((noinline)) void impact_run_fixed(ImpactSolver<L> &self, double length_s) {
+VGROOVE_CLONES_APART void impact_run_fixed(ImpactSolver<L> &self, double length_s) {
     const double steps = std::ceil(length_s / self.fixed_s - 1e-6);
     const double h = length_s / steps;
     const int pieces = static_cast<int>(std::ceil(h / IMPACT_PIECE_S - 1e-6));

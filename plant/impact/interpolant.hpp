@@ -36,9 +36,21 @@ VGROOVE_INLINE void anvil_ring(const ImpactSolver<L> &self, double t, ImpactStat
     s.x[L::ANVIL_ANGLE] = from[L::ANVIL_ANGLE] + (r.twist - from[L::TWIST]);
 }
 
-// Computes the coefficients of the interpolant of a tried step of length h, unless they are there.
+// Interpolant of a flight, of third order; of fifth order for an angle, through its acceleration at
+// both ends, and its derivative for the angle's speed
 template <class L>
-__attribute__((noinline)) void impact_interpolate(ImpactSolver<L> &self, double h) {
+VGROOVE_INLINE void flight_dense(ImpactSolver<L> &self, double h, int angle, int speed) {
+    ImpactStep<L> &t = self.step;
+    const double d2 = t.dense_2.x[angle], d3 = t.dense_3.x[angle];
+    const double from = 0.5 * h * h * self.slope.x[speed] + d2 - d3,
+                 to = 0.5 * h * h * t.end_slope.x[speed] + d2 + 2.0 * d3;
+    t.dense_4.x[angle] = from;
+    t.dense_5.x[angle] = to - from;
+    t.dense_4.x[speed] = 5.0 / h * t.dense_5.x[angle];
+}
+
+// Computes the coefficients of the interpolant of a tried step of length h, unless they are there.
+template <class L> VGROOVE_CLONES_APART void impact_interpolate(ImpactSolver<L> &self, double h) {
     ImpactStep<L> &t = self.step;
     if (t.dense_ready)
         return;
@@ -51,8 +63,11 @@ __attribute__((noinline)) void impact_interpolate(ImpactSolver<L> &self, double 
         t.dense_2.x[n] = h * k1 - t.dense_1.x[n];
         t.dense_3.x[n] = t.dense_1.x[n] - h * t.end_slope.x[n] - t.dense_2.x[n];
     }
+    t.dense_5 = ImpactState<L>{};
     if (t.flight) {
         t.dense_4 = ImpactState<L>{};
+        flight_dense(self, h, STATE_ANGLE, STATE_SPEED);
+        flight_dense(self, h, L::HAMMER_ANGLE, L::HAMMER_SPEED);
         return;
     }
     for (int n = 0; n < L::COUNT; ++n)
@@ -64,9 +79,15 @@ __attribute__((noinline)) void impact_interpolate(ImpactSolver<L> &self, double 
 
 // State at t after the start of a series
 template <class L>
-__attribute__((noinline)) ImpactState<L> impact_series_at(const ImpactSeries<L> &p, double t) {
-    ImpactState<L> s = p.c[SERIES_ORDER];
-    for (int k = SERIES_ORDER - 1; k >= 0; --k)
+VGROOVE_CLONES_APART ImpactState<L> impact_series_at(const ImpactSeries<L> &p, double t) {
+    using Series = ImpactSeries<L>;
+    ImpactState<L> s = p.c[SERIES_SLOW];
+    for (int n = Series::FAST_FROM; n < Series::FAST_TO; ++n)
+        s.x[n] = p.c[SERIES_ORDER].x[n];
+    for (int k = SERIES_ORDER - 1; k >= SERIES_SLOW; --k)
+        for (int n = Series::FAST_FROM; n < Series::FAST_TO; ++n)
+            s.x[n] = s.x[n] * t + p.c[k].x[n];
+    for (int k = SERIES_SLOW - 1; k >= 0; --k)
         for (int n = 0; n < L::COUNT; ++n)
             s.x[n] = s.x[n] * t + p.c[k].x[n];
     return s;
@@ -77,15 +98,18 @@ template <class L>
 VGROOVE_INLINE double impact_component(const ImpactStep<L> &t, const ImpactState<L> &from,
                                        double share, int n) {
     if (t.by_series) {
-        double x = t.series.c[SERIES_ORDER].x[n];
-        for (int k = SERIES_ORDER - 1; k >= 0; --k)
+        const int order = ImpactSeries<L>::order(n);
+        double x = t.series.c[order].x[n];
+        for (int k = order - 1; k >= 0; --k)
             x = x * (share * t.h) + t.series.c[k].x[n];
         return x;
     }
     const double rest = 1.0 - share;
     return from.x[n] +
            share * (t.dense_1.x[n] +
-                    rest * (t.dense_2.x[n] + share * (t.dense_3.x[n] + rest * t.dense_4.x[n])));
+                    rest * (t.dense_2.x[n] +
+                            share * (t.dense_3.x[n] +
+                                     rest * (t.dense_4.x[n] + share * t.dense_5.x[n]))));
 }
 
 // State at a share of the tried step

@@ -85,21 +85,21 @@ VGROOVE_INLINE double impact_event_rate(const ImpactSolver<L> &self, const Impac
     }
 }
 
-constexpr unsigned IMPACT_FLIGHT = impact_bit(IMPACT_FORWARD) | impact_bit(IMPACT_BACKWARD) |
-                                   impact_bit(IMPACT_HEIGHT) | impact_bit(IMPACT_STOP);
+// Bit of an event whose function has a minimum within the step
+template <class L>
+VGROOVE_INLINE unsigned impact_turned(const ImpactSolver<L> &self, ImpactEvent event) {
+    const double from = impact_event_rate(self, self.state, self.point, event),
+                 to = impact_event_rate(self, self.step.end, self.step.end_point, event);
+    return (from < 0.0 && to > 0.0 ? 1u : 0u) << event;
+}
 
 // Grazing events of free flight: the function has a minimum within the step, so that the event may
 // happen although the function is positive at both ends.
 template <class L>
 VGROOVE_INLINE unsigned impact_grazed(const ImpactSolver<L> &self, unsigned candidates) {
-    unsigned turned = 0u;
-    for (unsigned left = candidates & IMPACT_FLIGHT; left != 0u; left &= left - 1u) {
-        const int event = __builtin_ctz(left);
-        if (impact_event_rate(self, self.state, self.point, event) < 0.0 &&
-            impact_event_rate(self, self.step.end, self.step.end_point, event) > 0.0)
-            turned |= 1u << event;
-    }
-    return turned;
+    return (impact_turned(self, IMPACT_FORWARD) | impact_turned(self, IMPACT_BACKWARD) |
+            impact_turned(self, IMPACT_HEIGHT) | impact_turned(self, IMPACT_STOP)) &
+           candidates;
 }
 
 // Share of the tried step at which an event happens. met: its function is negative at the end of
@@ -131,9 +131,8 @@ VGROOVE_INLINE double impact_instant(ImpactSolver<L> &self, double h, int event,
 // The earliest event of the tried step among `met` and `turned` (grazing), as bits, and its share
 // of the step; -1: none
 template <class L>
-__attribute__((noinline)) int impact_earliest_event(ImpactSolver<L> &self, double h, unsigned met,
-                                                    unsigned turned, double width_s,
-                                                    double &share) {
+VGROOVE_CLONES_APART int impact_earliest_event(ImpactSolver<L> &self, double h, unsigned met,
+                                               unsigned turned, double width_s, double &share) {
     impact_interpolate(self, h);
     int event = -1;
     share = 1.0;

@@ -95,8 +95,7 @@ template <class L> VGROOVE_INLINE void impact_diode_switches(ImpactSolver<L> &se
     }
 }
 
-template <class L>
-__attribute__((noinline)) void impact_apply_event(ImpactSolver<L> &self, int event) {
+template <class L> VGROOVE_CLONES_APART void impact_apply_event(ImpactSolver<L> &self, int event) {
     ImpactMode &mode = self.mode;
     switch (event) {
     case IMPACT_FORWARD:

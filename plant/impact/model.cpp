@@ -170,6 +170,10 @@ Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus
     set_groove_and_hammer(m, p);
     set_lugs(m, p);
     set_output(m, p, load);
+    const double both = m.spindle_inertia_inverse + m.hammer_inertia_inverse;
+    const double lead2 = m.groove.lead * m.groove.lead;
+    m.swing_square = both * m.rate_n_per_m * lead2 / (1.0 + both * m.hammer_mass * lead2);
+    m.swing_share = m.spindle_inertia_inverse / both;
     m.arm_inertia_inverse = 1.0 / p.arm_inertia_kg_m2;
     m.arm_stiffness = p.arm_stiffness;
     m.arm_damping = p.arm_damping;

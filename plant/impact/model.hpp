@@ -24,12 +24,12 @@ template <bool FULL_STATES, bool AUDITED> struct ImpactLayout {
     static constexpr int HAMMER_SPEED = HAMMER_ANGLE + 1;
     static constexpr int ANVIL_ANGLE = HAMMER_ANGLE + 2;
     static constexpr int ANVIL_SPEED = HAMMER_ANGLE + 3;
-    static constexpr int TWIST = HAMMER_ANGLE + 4;  // rad, elastic twist e of the joint
-    static constexpr int ARM_ANGLE = HAMMER_ANGLE + 5;
-    static constexpr int ARM_SPEED = HAMMER_ANGLE + 6;
+    static constexpr int TWIST = HAMMER_ANGLE + 4;        // rad, elastic twist e of the joint
+    static constexpr int LUG_IMPULSE = HAMMER_ANGLE + 5;  // N m s, integral of the lug torque
+    static constexpr int ARM_ANGLE = HAMMER_ANGLE + 6;
+    static constexpr int ARM_SPEED = HAMMER_ANGLE + 7;
     static constexpr int HOUSING_TIME =
-        HAMMER_ANGLE + 7;                                 // N m s, integral of the housing reaction
-    static constexpr int LUG_IMPULSE = HAMMER_ANGLE + 8;  // N m s, integral of the lug torque
+        HAMMER_ANGLE + 8;  // N m s, integral of the housing reaction
     static constexpr int CORE_COUNT = HAMMER_ANGLE + 9;
     static constexpr int OUTPUT_SPEED = CORE_COUNT;       // rad/s, second output body
     static constexpr int COUPLER_TWIST = CORE_COUNT + 1;  // rad, anvil less second body
@@ -88,6 +88,9 @@ struct Impact {
     // ring_swings: the damping is less than critical
     double ring_decay, ring_square, ring_rate;
     bool ring_swings;
+    // Hammer and spindle on the spring, on a flank of the groove: square of the natural frequency
+    // of the groove angle, and the spindle's share in a change of that angle
+    double swing_square, swing_share;
     double coupler_stiffness, coupler_damping, output_inertia, output_inertia_inverse;
     double pendulum_nm, zero_rad;
     double arm_inertia_inverse, arm_stiffness, arm_damping;
@@ -99,11 +102,24 @@ struct Impact {
 Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus_measured,
                    double command_peak);
 
+// Effects that a layout has
+template <class L>
+constexpr std::uint32_t IMPACT_EFFECTS = L::FULL ? ~std::uint32_t{0}
+                                                 : static_cast<std::uint32_t>(EFFECT_DEAD_TIME);
+
 // Whether the parameters need states or terms that only the FULL layout has
 VGROOVE_INLINE bool impact_needs_full(const Impact &m) {
-    return (m.drive.effects & ~static_cast<std::uint32_t>(EFFECT_DEAD_TIME)) != 0u ||
+    return (m.drive.effects & ~IMPACT_EFFECTS<FastLayout>) != 0u ||
            m.drive.input != InputKind::DUTY || m.drive.bus_measured || m.two_bodies ||
            m.second_output || m.flank_friction || m.ball_friction;
+}
+
+// States to the compiler what impact_needs_full excludes: without the FULL layout it leaves out the
+// code for it.
+template <class L> VGROOVE_INLINE void impact_assume_layout(const Impact &m) {
+    if constexpr (!L::FULL)
+        if (impact_needs_full(m))
+            __builtin_unreachable();
 }
 
 }  // namespace vgroove

@@ -11,7 +11,7 @@
 #ifndef VGROOVE_PLANT_IMPACT_SERIES_HPP
 #define VGROOVE_PLANT_IMPACT_SERIES_HPP
 
-#include "impact/interpolant.hpp"
+#include "impact/series_effects.hpp"
 #include "numeric/power_series.hpp"
 
 namespace vgroove {
@@ -19,19 +19,8 @@ namespace vgroove {
 constexpr int SERIES_GROOVE = 3;
 constexpr double SERIES_SHARE = 0.7;    // of the length that the last terms allow
 constexpr double SERIES_REDUCE = 0.5;   // factor on a step whose error is too large
-constexpr double SERIES_NEXT_S = 4e-4;  // first step of the method that follows the series
+constexpr double SERIES_NEXT_S = 6e-4;  // first step of the method that follows the series
 constexpr Reciprocals<SERIES_ORDER> SERIES_RECIPROCAL = reciprocals<SERIES_ORDER>();
-
-// Derivatives of the linear quantities: name_x is the derivative of the quantity by x; i and w are
-// motor current and speed, the others belong to hammer, anvil and joint.
-struct SeriesRates {
-    double current_i, current_w, bus_i;  // A/s, and V of the bus
-    double drive_i, drive_w;             // N m on the spindle
-    double lug_angle, lug_speed;         // N m, by hammer less anvil
-    double lug_ramp;  // N m, by penetration times its rate, while the damping ramps up
-    double joint_twist, joint_speed, joint_head;   // N m
-    double twist_speed, twist_joint, twist_twist;  // rad/s
-};
 
 // The series during the recurrence; coefficients with a negative index are 0.
 struct SeriesJet {
@@ -46,10 +35,10 @@ struct SeriesJet {
     double *axial() { return axial_of + SERIES_GROOVE; }
 };
 
-// Whether the motion can be followed by series: everything but the groove and the joint's slip
-// torque is linear.
+// Whether the motion can be followed by series: everything but the groove, the joint's slip torque
+// and effects at the motor is linear.
 template <class L> VGROOVE_INLINE bool series_applies(const ImpactSolver<L> &self) {
-    if (L::EXACT || L::FULL || self.fixed_s > 0.0)
+    if (L::EXACT || self.fixed_s > 0.0 || (L::FULL && !series_takes_effects(self.model)))
         return false;
     const ImpactMode &mode = self.mode;
     const Drive<double> &in = self.drive;
@@ -61,24 +50,6 @@ template <class L> VGROOVE_INLINE bool series_applies(const ImpactSolver<L> &sel
         (self.model.joint.of_load && (in.load_rate != 0.0 || in.load_nm < 0.0)))
         return false;
     return true;
-}
-
-// i' = (duty bus - dead bus sign(i) - (R + Rb) i - k w) / L with bus = Voc - Rs duty i
-template <class L>
-VGROOVE_INLINE void series_electrical(const ImpactSolver<L> &self, SeriesRates &a) {
-    const Drivetrain<double> &d = self.model.drive;
-    const Drive<double> &in = self.drive;
-    const bool open = in.open > 0.0;
-    const double diode = self.mode.drive.diode, duty = open ? -diode : in.command;
-    a.bus_i = -d.supply.resistance_ohm * duty;
-    double share = duty;
-    if (d.effects & EFFECT_DEAD_TIME)
-        share -= self.state.x[STATE_CURRENT] > 0.0 ? in.dead : -in.dead;
-    const bool blocked = open && diode == 0.0;
-    a.current_i = blocked ? 0.0
-                          : (share * a.bus_i - d.bridge.resistance_ohm - d.motor.resistance_ohm) *
-                                d.motor.inductance_inverse;
-    a.current_w = blocked ? 0.0 : -d.motor.constant * d.motor.inductance_inverse;
 }
 
 // Derivative of a slip torque by the head angle
@@ -106,10 +77,11 @@ template <class L> VGROOVE_INLINE SeriesRates series_rates(const ImpactSolver<L>
     const Impact &m = self.model;
     const ImpactMode &mode = self.mode;
     SeriesRates a{};
-    series_electrical<L>(self, a);
+    if constexpr (L::FULL)
+        series_motor_effects<L>(self, a);
+    else
+        series_motor<L>(self, a);
     series_joint<L>(self, a);
-    a.drive_i = m.ratio * m.drive.motor.constant;
-    a.drive_w = -m.ratio * m.drive.friction.viscous;
     if (mode.place == ContactPlace::NONE)
         return a;
     const double arm = m.lug_radius_m * m.lug_radius_m;
@@ -173,84 +145,201 @@ struct SeriesStates {
     double i, w, hammer, anvil, twist, anvil_before;
 };
 
-// Coefficients of order n of the torques of lug, joint, drive and groove, with A = F0 + k x + m s'
-// q' (s' the change of s in time). Terms that do not need the newest states are added first.
-struct SeriesTorques {
-    double lug, joint, drive, groove;
+// Weights of the coefficients of order n in those of order n + 1, times n + 1: to_from, with the
+// letters of SeriesStates. Summing the newest coefficients with constant weights, after everything
+// that older coefficients give, keeps the chain of dependent operations from order to order short.
+struct SeriesWeights {
+    double lug_rate;                      // N m s, lug torque by hammer less anvil speed
+    double spindle;                       // JS / JJ
+    double joint_anvil, joint_twist;      // N m
+    double hammer_old, anvil_old, w_old;  // of torques from older coefficients
+    double lug_hammer, lug_w;             // of the lug torque through the groove and directly
+    double hammer_hammer, hammer_anvil, hammer_w, hammer_i;
+    double anvil_hammer, anvil_anvil, anvil_twist;
+    double twist_anvil, twist_twist;
+    double w_hammer, w_anvil, w_w, w_i;
 };
-VGROOVE_INLINE SeriesTorques series_torques(const Impact &m, const SeriesRates &a, SeriesJet &y,
-                                            const SeriesStates &now, int n) {
-    const double before = SERIES_RECIPROCAL.of[n],
-                 spindle = m.hammer_inertia * m.spindle_inertia_inverse;
-    double *axial = y.axial() + n, *push = y.push() + n, *q_rate = y.q_rate() + n;
-    double old_axial = n <= SERIES_GROOVE ? m.rate_n_per_m * m.groove.lead * y.root[n] : 0.0,
-           old = 0.0;
-    for (int j = SERIES_GROOVE; j >= 1; --j)
-        old += y.share[j] * axial[-j] + y.carried[j] * push[-j];
-    for (int j = SERIES_GROOVE - 1; j >= 1; --j)
-        old_axial += y.bend[j] * q_rate[-j];
-    SeriesTorques t;
-    y.relative[n] = before * y.rate[n - 1];
-    double lug = a.lug_angle * y.relative[n];
-    y.rate[n] = now.hammer - now.anvil;
-    if (a.lug_ramp != 0.0)
-        lug += a.lug_ramp * series_product(y.relative, y.rate, 0, n, n);
-    t.joint = a.joint_twist * now.twist + a.joint_speed * now.anvil;
-    if (a.joint_head != 0.0)
-        t.joint += a.joint_head * (before * now.anvil_before - now.twist);
-    t.drive = a.drive_i * now.i + a.drive_w * now.w;
-    t.lug = lug + a.lug_speed * y.rate[n];
-    push[0] = t.lug + spindle * t.drive;
-    axial[0] = old_axial + y.bend[0] * q_rate[0];
-    t.groove = ((old + y.share[0] * old_axial) + (y.carried[0] * spindle) * t.drive) +
-               ((y.share[0] * y.bend[0]) * q_rate[0] + y.carried[0] * t.lug);
-    return t;
+VGROOVE_INLINE SeriesWeights series_weights(const Impact &m, const SeriesRates &a,
+                                            const SeriesJet &y) {
+    SeriesWeights g;
+    const double share = y.share[0] * y.bend[0], carried = y.carried[0];
+    g.lug_rate = a.lug_speed + a.lug_ramp * y.relative[0];
+    g.spindle = m.hammer_inertia * m.spindle_inertia_inverse;
+    g.joint_anvil = a.joint_speed;
+    g.joint_twist = a.joint_twist - a.joint_head;
+    g.hammer_old = m.hammer_inertia_inverse;
+    g.anvil_old = m.anvil_inertia_inverse;
+    g.w_old = m.ratio * m.spindle_inertia_inverse;
+    g.lug_hammer = (carried - 1.0) * g.hammer_old;
+    g.lug_w = -carried * g.w_old;
+    const double drive_hammer = carried * g.spindle * g.hammer_old,
+                 drive_w = (1.0 - carried * g.spindle) * g.w_old;
+    g.hammer_hammer = g.lug_hammer * g.lug_rate - share * g.hammer_old;
+    g.hammer_anvil = -g.lug_hammer * g.lug_rate;
+    g.hammer_w = share * m.ratio_inverse * g.hammer_old + drive_hammer * a.drive_w;
+    g.hammer_i = drive_hammer * a.drive_i;
+    g.anvil_hammer = g.anvil_old * g.lug_rate;
+    g.anvil_anvil = -g.anvil_old * (g.lug_rate + g.joint_anvil);
+    g.anvil_twist = -g.anvil_old * g.joint_twist;
+    g.twist_anvil = a.twist_speed + a.twist_joint * g.joint_anvil;
+    g.twist_twist = a.twist_twist + a.twist_joint * g.joint_twist;
+    g.w_hammer = g.lug_w * g.lug_rate + share * g.w_old;
+    g.w_anvil = -g.lug_w * g.lug_rate;
+    g.w_w = drive_w * a.drive_w - share * m.ratio_inverse * g.w_old;
+    g.w_i = drive_w * a.drive_i;
+    return g;
 }
 
-// Coefficients of order n + 1 of the states
-VGROOVE_INLINE SeriesStates series_states(const Impact &m, const SeriesRates &a,
-                                          const SeriesTorques &t, const SeriesStates &now, int n) {
-    const double part = SERIES_RECIPROCAL.of[n + 1];
-    SeriesStates next;
-    next.hammer = (part * m.hammer_inertia_inverse) * (t.groove - t.lug);
-    next.w = (part * m.ratio * m.spindle_inertia_inverse) * (t.drive - t.groove);
-    next.anvil = (part * m.anvil_inertia_inverse) * (t.lug - t.joint);
-    next.twist =
-        part * (a.twist_speed * now.anvil + a.twist_joint * t.joint + a.twist_twist * now.twist);
-    next.i = part * (a.current_i * now.i + a.current_w * now.w);
+// What the coefficients before order n give to the torques of order n: of lug, joint and groove,
+// with A = F0 + k x + m s' q' (s' the change of s in time)
+struct SeriesOld {
+    double lug, joint, groove, axial;
+};
+template <int N, bool SLOW>
+VGROOVE_INLINE SeriesOld series_old(const Impact &m, const SeriesRates &a, SeriesJet &y,
+                                    const SeriesStates &now) {
+    const double before = SERIES_RECIPROCAL.of[N];
+    const double *axial = y.axial() + N, *push = y.push() + N, *q_rate = y.q_rate() + N;
+    SeriesOld old{};
+    if constexpr (SLOW) {
+        if constexpr (N <= SERIES_GROOVE)
+            old.axial = m.rate_n_per_m * m.groove.lead * y.root[N];
+        for (int j = SERIES_GROOVE - 1; j >= 1; --j)
+            old.axial += y.bend[j] * q_rate[-j];
+        old.groove = y.share[0] * old.axial;
+        for (int j = SERIES_GROOVE; j >= 1; --j)
+            old.groove += y.share[j] * axial[-j];
+    }
+    for (int j = SERIES_GROOVE; j >= 1; --j)
+        old.groove += y.carried[j] * push[-j];
+    y.relative[N] = before * y.rate[N - 1];
+    old.lug = a.lug_angle * y.relative[N];
+    if (a.lug_ramp != 0.0)
+        old.lug += a.lug_ramp * series_product(y.relative, y.rate, 1, N, N);
+    old.joint = a.joint_head * (before * now.anvil_before);
+    return old;
+}
+
+// Coefficients of order n + 1 of the states. SLOW: with current and motor speed, whose coefficients
+// of high order are negligible.
+template <int N, bool SLOW>
+VGROOVE_INLINE SeriesStates series_states(const SeriesRates &a, const SeriesWeights &g,
+                                          const SeriesOld &old, const SeriesStates &now) {
+    constexpr double part = SERIES_RECIPROCAL.of[N + 1];
+    SeriesStates next{};
+    double hammer = g.hammer_old * old.groove + g.lug_hammer * old.lug;
+    if constexpr (SLOW) {
+        hammer += g.hammer_w * now.w + g.hammer_i * now.i;
+        next.w =
+            part * (((g.lug_w * old.lug - g.w_old * old.groove) + (g.w_w * now.w + g.w_i * now.i)) +
+                    (g.w_hammer * now.hammer + g.w_anvil * now.anvil));
+        next.i = part * (a.current_i * now.i + a.current_w * now.w);
+    }
+    next.hammer = part * (hammer + (g.hammer_hammer * now.hammer + g.hammer_anvil * now.anvil));
+    next.anvil = part * ((g.anvil_old * (old.lug - old.joint) + g.anvil_twist * now.twist) +
+                         (g.anvil_hammer * now.hammer + g.anvil_anvil * now.anvil));
+    next.twist = part * (a.twist_joint * old.joint +
+                         (g.twist_anvil * now.anvil + g.twist_twist * now.twist));
     next.anvil_before = now.anvil;
     return next;
 }
 
-// Stores order n + 1 of all states, with angles, integrals and the arm.
-template <class L>
-VGROOVE_INLINE void series_store(const Impact &m, const SeriesRates &a, const SeriesTorques &t,
-                                 const SeriesStates &now, const SeriesStates &next, int n,
-                                 ImpactSeries<L> &to) {
-    const double part = SERIES_RECIPROCAL.of[n + 1];
-    double *c = to.c[n + 1].x;
-    const double *last = to.c[n].x;
-    const double housing = t.drive - (m.ratio - 1.0) * m.motor_inertia * (n + 1) * next.w;
-    c[STATE_CURRENT] = next.i;
-    c[STATE_SPEED] = next.w;
-    c[STATE_ANGLE] = part * now.w;
-    c[STATE_CURRENT_TIME] = part * now.i;
-    c[STATE_BUS_TIME] = part * a.bus_i * now.i;
+// Coefficients of order n of the torques of lug and drive; those that later orders need
+struct SeriesTorques {
+    double lug, drive;
+};
+template <int N, bool SLOW>
+VGROOVE_INLINE SeriesTorques series_torques(const SeriesRates &a, const SeriesWeights &g,
+                                            SeriesJet &y, const SeriesOld &old,
+                                            const SeriesStates &now) {
+    SeriesTorques t{};
+    y.rate[N] = now.hammer - now.anvil;
+    t.lug = old.lug + g.lug_rate * y.rate[N];
+    y.push()[N] = t.lug;
+    if constexpr (SLOW) {
+        t.drive = a.drive_i * now.i + a.drive_w * now.w;
+        y.push()[N] += g.spindle * t.drive;
+        y.axial()[N] = old.axial + y.bend[0] * y.q_rate()[N];
+    }
+    return t;
+}
+
+// Stores order n + 1 of the fast states
+template <class L, int N>
+VGROOVE_INLINE void series_store_fast(const SeriesTorques &t, const SeriesStates &now,
+                                      const SeriesStates &next, ImpactSeries<L> &to) {
+    constexpr double part = SERIES_RECIPROCAL.of[N + 1];
+    double *c = to.c[N + 1].x;
     c[L::HAMMER_ANGLE] = part * now.hammer;
     c[L::HAMMER_SPEED] = next.hammer;
     c[L::ANVIL_ANGLE] = part * now.anvil;
     c[L::ANVIL_SPEED] = next.anvil;
     c[L::TWIST] = next.twist;
-    c[L::HOUSING_TIME] = part * housing;
     c[L::LUG_IMPULSE] = part * t.lug;
+}
+
+// Stores order n + 1 of the slow states: motor, integrals and arm
+template <class L, int N>
+VGROOVE_INLINE void series_store_slow(const Impact &m, const SeriesRates &a, double drive_nm,
+                                      const SeriesStates &now, const SeriesStates &next,
+                                      ImpactSeries<L> &to) {
+    constexpr double part = SERIES_RECIPROCAL.of[N + 1];
+    double *c = to.c[N + 1].x;
+    const double *last = to.c[N].x;
+    const double housing = drive_nm - (m.ratio - 1.0) * m.motor_inertia * (N + 1) * next.w;
+    c[STATE_CURRENT] = next.i;
+    c[STATE_SPEED] = next.w;
+    c[STATE_ANGLE] = part * now.w;
+    c[STATE_CURRENT_TIME] = part * now.i;
+    if constexpr (L::FULL)
+        series_store_effects<L>(a.effects, now.i, now.w, part, last, c);
+    c[STATE_BUS_TIME] = part * a.bus_i * now.i;
+    c[L::HOUSING_TIME] = part * housing;
     c[L::ARM_ANGLE] = part * last[L::ARM_SPEED];
     c[L::ARM_SPEED] =
         (part * m.arm_inertia_inverse) *
         (housing - m.arm_damping * last[L::ARM_SPEED] - m.arm_stiffness * last[L::ARM_ANGLE]);
 }
 
+// Orders from N + 1 on, as long as the slow states have coefficients; each order is a function of
+// its own, so that the compiler knows which terms it has.
+template <class L, int N>
+VGROOVE_INLINE void series_slow_orders(const Impact &m, const SeriesRates &a,
+                                       const SeriesWeights &g, SeriesJet &y, SeriesStates &now,
+                                       ImpactSeries<L> &to) {
+    const double q_rate = now.w * m.ratio_inverse - now.hammer;
+    y.q_rate()[N] = q_rate;
+    if constexpr (N < SERIES_GROOVE) {
+        y.q[N + 1] = SERIES_RECIPROCAL.of[N + 1] * q_rate;
+        series_groove(m, y, N + 1);
+    }
+    const SeriesOld old = series_old<N, true>(m, a, y, now);
+    const SeriesStates next = series_states<N, true>(a, g, old, now);
+    const SeriesTorques t = series_torques<N, true>(a, g, y, old, now);
+    series_store_fast<L, N>(t, now, next, to);
+    series_store_slow<L, N>(m, a, t.drive, now, next, to);
+    if constexpr (N < SERIES_GROOVE)
+        series_shares(m, y, N + 1);
+    now = next;
+    if constexpr (N + 1 < SERIES_SLOW)
+        series_slow_orders<L, N + 1>(m, a, g, y, now, to);
+}
+
+// The other orders of the fast states
+template <class L, int N>
+VGROOVE_INLINE void series_fast_orders(const Impact &m, const SeriesRates &a,
+                                       const SeriesWeights &g, SeriesJet &y, SeriesStates &now,
+                                       ImpactSeries<L> &to) {
+    const SeriesOld old = series_old<N, false>(m, a, y, now);
+    const SeriesStates next = series_states<N, false>(a, g, old, now);
+    series_store_fast<L, N>(series_torques<N, false>(a, g, y, old, now), now, next, to);
+    now = next;
+    if constexpr (N + 1 < SERIES_ORDER)
+        series_fast_orders<L, N + 1>(m, a, g, y, now, to);
+}
+
 // Coefficients of all orders from the state and slope of the solver
-template <class L> __attribute__((noinline)) void series_expand(ImpactSolver<L> &self) {
+template <class L> VGROOVE_CLONES_APART void series_expand(ImpactSolver<L> &self) {
     const Impact &m = self.model;
     const SeriesRates a = series_rates<L>(self);
     ImpactSeries<L> &to = self.step.series;
@@ -261,20 +350,9 @@ template <class L> __attribute__((noinline)) void series_expand(ImpactSolver<L> 
     const double *first = self.slope.x;
     SeriesStates now{first[STATE_CURRENT],  first[STATE_SPEED], first[L::HAMMER_SPEED],
                      first[L::ANVIL_SPEED], first[L::TWIST],    self.state.x[L::ANVIL_SPEED]};
-    for (int n = 1; n < SERIES_ORDER; ++n) {
-        const double q_rate = now.w * m.ratio_inverse - now.hammer;
-        y.q_rate()[n] = q_rate;
-        if (n < SERIES_GROOVE) {
-            y.q[n + 1] = SERIES_RECIPROCAL.of[n + 1] * q_rate;
-            series_groove(m, y, n + 1);
-        }
-        const SeriesTorques t = series_torques(m, a, y, now, n);
-        const SeriesStates next = series_states(m, a, t, now, n);
-        series_store<L>(m, a, t, now, next, n, to);
-        if (n < SERIES_GROOVE)
-            series_shares(m, y, n + 1);
-        now = next;
-    }
+    const SeriesWeights g = series_weights(m, a, y);
+    series_slow_orders<L, 1>(m, a, g, y, now, to);
+    series_fast_orders<L, SERIES_SLOW>(m, a, g, y, now, to);
 }
 
 // Largest coefficient of one order, relative to the tolerance
@@ -285,43 +363,54 @@ VGROOVE_INLINE double series_norm(const ImpactSolver<L> &self, const ImpactState
         max_of(std::fabs(c.x[L::HAMMER_SPEED]), std::fabs(c.x[L::ANVIL_SPEED])) * m.output_weight;
     const double twist =
         max_of(std::fabs(c.x[L::TWIST]), std::fabs(c.x[L::HAMMER_ANGLE])) * m.angle_weight;
-    return max_of(speeds, max_of(twist, std::fabs(c.x[STATE_CURRENT]) * m.current_weight)) /
-           self.tolerance;
+    return max_of(speeds, twist) / self.tolerance;
+}
+template <class L>
+VGROOVE_INLINE double series_slow_norm(const ImpactSolver<L> &self, const ImpactState<L> &c) {
+    const Impact &m = self.model;
+    double speed = std::fabs(c.x[STATE_SPEED]), current = std::fabs(c.x[STATE_CURRENT]);
+    if constexpr (L::FULL) {
+        speed = max_of(speed, std::fabs(c.x[STATE_SPEED_FILTER]));
+        current = max_of(current, std::fabs(c.x[STATE_CURRENT_FILTER]));
+    }
+    return max_of(speed * m.speed_weight, current * m.current_weight) / self.tolerance;
 }
 
-// Longest step whose last two terms are within the tolerance
+// Longest step whose last two terms of the fast states and last term of the slow ones are within
+// the tolerance
 template <class L> VGROOVE_INLINE double series_longest(const ImpactSolver<L> &self) {
     const ImpactSeries<L> &s = self.step.series;
     const double last = rough_inverse_root(series_norm<L>(self, s.c[SERIES_ORDER]), SERIES_ORDER);
     const double before =
         rough_inverse_root(series_norm<L>(self, s.c[SERIES_ORDER - 1]), SERIES_ORDER - 1);
-    return SERIES_SHARE * min_of(last, before);
+    const double slow =
+        rough_inverse_root(series_slow_norm<L>(self, s.c[SERIES_SLOW]), SERIES_SLOW);
+    return SERIES_SHARE * min_of(slow, min_of(last, before));
 }
 
-// Derivative at the end less the series' slope there, for `count` states from `from` on
-template <class L>
-VGROOVE_INLINE void series_defect(const ImpactStep<L> &t, double h, int from, int count,
-                                  ImpactState<L> &error) {
-    double slope[4];
-    for (int n = 0; n < count; ++n)
-        slope[n] = SERIES_ORDER * t.series.c[SERIES_ORDER].x[from + n];
-    for (int k = SERIES_ORDER - 1; k > 0; --k)
-        for (int n = 0; n < count; ++n)
-            slope[n] = slope[n] * h + k * t.series.c[k].x[from + n];
-    for (int n = 0; n < count; ++n)
-        error.x[from + n] = t.end_slope.x[from + n] - slope[n];
+// Derivative at the end less the series' slope there, for COUNT states of one order from FROM on
+template <class L, int FROM, int COUNT>
+VGROOVE_INLINE void series_defect(const ImpactStep<L> &t, double h, ImpactState<L> &error) {
+    constexpr int ORDER = ImpactSeries<L>::order(FROM);
+    double slope[static_cast<unsigned>(COUNT)];
+    for (int n = 0; n < COUNT; ++n)
+        slope[n] = ORDER * t.series.c[ORDER].x[FROM + n];
+    for (int k = ORDER - 1; k > 0; --k)
+        for (int n = 0; n < COUNT; ++n)
+            slope[n] = slope[n] * h + k * t.series.c[k].x[FROM + n];
+    for (int n = 0; n < COUNT; ++n)
+        error.x[FROM + n] = t.end_slope.x[FROM + n] - slope[n];
 }
 
 // One trial step of length h; error: of each state, per second
 template <class L>
-__attribute__((noinline)) void series_attempt(ImpactSolver<L> &self, double h,
-                                              ImpactState<L> &error) {
+VGROOVE_CLONES_APART void series_attempt(ImpactSolver<L> &self, double h, ImpactState<L> &error) {
     ImpactStep<L> &t = self.step;
     t.end = impact_series_at<L>(t.series, h);
     t.end_point = impact_slope(self, h, t.end, t.end_slope);
     error = ImpactState<L>{};
-    series_defect<L>(t, h, STATE_CURRENT, 2, error);
-    series_defect<L>(t, h, L::HAMMER_SPEED, 4, error);
+    series_defect<L, STATE_CURRENT, 2>(t, h, error);
+    series_defect<L, L::HAMMER_SPEED, 4>(t, h, error);
 }
 
 }  // namespace vgroove

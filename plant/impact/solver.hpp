@@ -17,7 +17,7 @@
 
 namespace vgroove {
 
-constexpr double IMPACT_STEP_MAX_S = 1e-3, IMPACT_FLIGHT_MAX_S = 3e-3, IMPACT_STEP_MIN_S = 1e-12;
+constexpr double IMPACT_STEP_MAX_S = 1e-3, IMPACT_FLIGHT_MAX_S = 2.2e-3, IMPACT_STEP_MIN_S = 1e-12;
 constexpr double IMPACT_NO_HORIZON_S = 1e9;
 constexpr double IMPACT_SAME_S = 1e-15;          // instants that differ by rounding only
 constexpr double IMPACT_FIRST_CONTACT_S = 4e-6;  // first step after a contact begins
@@ -32,10 +32,16 @@ struct ImpactStats {
     double steps = 0.0, rejected = 0.0, events = 0.0, derivatives = 0.0;
 };
 
-constexpr int SERIES_ORDER = 12;  // of the Taylor series in a contact
+// Order of the Taylor series in a contact: of hammer, anvil, twist and lug impulse, and of the
+// other states, which change slowly
+constexpr int SERIES_ORDER = 12, SERIES_SLOW = 7;
 
 template <class L> struct ImpactSeries {
     ImpactState<L> c[SERIES_ORDER + 1];  // coefficients of the powers of time
+    static constexpr int FAST_FROM = L::HAMMER_ANGLE, FAST_TO = L::LUG_IMPULSE + 1;  // fast states
+    static constexpr int order(int state) {
+        return state >= FAST_FROM && state < FAST_TO ? SERIES_ORDER : SERIES_SLOW;
+    }
 };
 
 // One accepted step, for studies of the step size; event: the one that ended it, or -1.
@@ -45,25 +51,29 @@ struct StepRecord {
 };
 
 // A step that has been tried. `slopes`: of its stages. `dense`: coefficients of the interpolant
-// y + u (d1 + (1 - u) (d2 + u (d3 + (1 - u) d4))), u the share of the step.
+// y + u (d1 + (1 - u) (d2 + u (d3 + (1 - u) (d4 + u d5)))), u the share of the step.
 template <class L> struct ImpactStep {
     StageSlopes<double, L::COUNT> slopes;
-    ImpactState<L> dense_1, dense_2, dense_3, dense_4;  // once dense_ready
+    ImpactState<L> dense_1, dense_2, dense_3, dense_4, dense_5;  // once dense_ready
     ImpactSeries<L> series;
     ImpactState<L> end, end_slope;
     ImpactPoint end_point;
     double error;
     double h, share;  // length, and the share of it that is accepted
     int event;        // that ends it, or -1
-    bool flight;      // by the method of flight.hpp, whose interpolant is of third order
+    bool flight;      // by the method of flight.hpp, whose interpolant has d5
     bool by_series;   // by Taylor series, which is its own interpolant
     bool dense_ready;
 };
 
 // Weights of a flight step of length h for a current that decays at `rate`: phi functions of -rate
-// h and of half of it
+// h and of half of it; weights of the hammer's oscillation for half the step and all of it
+struct SwingWeights {
+    double t1, t2, t3, t4;
+};
 struct FlightWeights {
     double h, rate;
+    SwingWeights half, full;
     double half_1, half_2, full_1, full_2, full_3;
 };
 
@@ -107,8 +117,8 @@ template <class L> struct ImpactSolver {
 // Derivative and ImpactPoint (forces and geometry) in a state, tau after the start of the step. Not
 // inlined: the code of a step must fit into the processor's first-level cache.
 template <class L>
-__attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau,
-                                                   const ImpactState<L> &s, ImpactState<L> &ds) {
+VGROOVE_CLONES_APART ImpactPoint impact_slope(ImpactSolver<L> &self, double tau,
+                                              const ImpactState<L> &s, ImpactState<L> &ds) {
     self.stats.derivatives += 1.0;
     if constexpr (L::FULL)
         ds = ImpactState<L>{};
@@ -117,11 +127,11 @@ __attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double
 
 // The derivative alone, for the stages of a step
 template <class L>
-__attribute__((noinline)) void impact_stage(const ImpactSolver<L> &self, double tau,
-                                            const ImpactState<L> &s, ImpactState<L> &ds) {
+VGROOVE_CLONES_APART void impact_stage(const ImpactSolver<L> &self, double tau,
+                                       const ImpactState<L> &s, ImpactState<L> &ds) {
     if constexpr (L::FULL)
         ds = ImpactState<L>{};
-    impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
+    impact_derivative<L, false>(self.model, self.drive, self.mode, tau, s, ds);
 }
 
 // Runs for length_s with command and load as straight lines. L::EXACT or with fixed steps, a step

@@ -12,8 +12,8 @@ constexpr double EVENT_WIDTH_EXACT_S = 1e-12, EVENT_WIDTH_S = 1e-9;
 // Adapts the step length to the error of the tried step; a step that was shortened by the end of
 // the stretch does not reduce it.
 template <class L>
-__attribute__((noinline)) void impact_adapt(ImpactSolver<L> &self, double h, double factor,
-                                            bool has_event) {
+VGROOVE_CLONES_APART void impact_adapt(ImpactSolver<L> &self, double h, double factor,
+                                       bool has_event) {
     const double allowed =
         min_of(h * min_of(factor, 5.0), self.step.flight ? IMPACT_FLIGHT_MAX_S : IMPACT_STEP_MAX_S);
     if (self.step.by_series) {
@@ -42,14 +42,23 @@ template <class L> VGROOVE_INLINE double impact_length(const ImpactSolver<L> &se
     return pieces > 1.0 ? self.horizon_s / pieces : self.horizon_s;
 }
 
-// L::EXACT: tries a step that ends at the instant of the event. If rounding leaves the event
-// function positive at its end, the event is left to the next step.
+// L::EXACT: tries a step that ends at the instant of the event. Rounding may leave the event
+// function at 0 or above there: the step is then longer, by a length that doubles, up to the step
+// in which the event was found.
 template <class L> VGROOVE_INLINE void impact_reach_event(ImpactSolver<L> &self) {
     const int event = self.step.event;
-    impact_attempt(self, self.step.h * self.step.share);
-    if (impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, event) <
-        0.0)
-        self.step.event = event;
+    const double whole = self.step.h;
+    double h = whole * self.step.share;
+    for (double more = EVENT_WIDTH_EXACT_S;; more *= 2.0) {
+        impact_attempt(self, h);
+        const bool met = impact_event_value<L>(self.model, self.mode, self.step.end,
+                                               self.step.end_point, event) < 0.0;
+        if (met)
+            self.step.event = event;
+        if (met || h >= whole)
+            return;
+        h = min_of(h + more, whole);
+    }
 }
 
 // Whether the hammer, without contact, rises above the lugs or comes down into a gap within the
@@ -99,7 +108,7 @@ template <class L> VGROOVE_INLINE void impact_prepare(ImpactSolver<L> &self) {
 }
 
 // Tries steps until the error of one is small enough, and finds its first event.
-template <class L> __attribute__((noinline)) void impact_try_step(ImpactSolver<L> &self) {
+template <class L> VGROOVE_CLONES_APART void impact_try_step(ImpactSolver<L> &self) {
     ImpactStep<L> &t = self.step;
     impact_prepare(self);
     for (;;) {

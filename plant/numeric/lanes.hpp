@@ -19,11 +19,14 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 #define VGROOVE_INLINE inline __attribute__((always_inline))
 
 // The compiler emits a function for each of three vector widths and the program picks one when it
-// is loaded; the results are the same to the last bit.
+// is loaded; the results are the same to the last bit. APART: a function that stays apart from its
+// callers, with scalars and short vectors, which need no more than two instruction sets.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(VGROOVE_NO_CLONES)
 #define VGROOVE_CLONES __attribute__((flatten, target_clones("avx512f", "avx2", "default")))
+#define VGROOVE_CLONES_APART __attribute__((noinline, target_clones("avx2", "default")))
 #else
 #define VGROOVE_CLONES __attribute__((flatten))
+#define VGROOVE_CLONES_APART __attribute__((noinline))
 #endif
 
 template <class V> struct LaneTraits;

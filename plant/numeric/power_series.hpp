@@ -27,36 +27,51 @@ VGROOVE_INLINE double series_product(const double *a, const double *b, int from,
 }
 
 template <int ORDER> struct Polynomial { double c[static_cast<unsigned>(ORDER) + 1]; };
-struct ValueAndSlope {
-    double value, slope;
+struct PolynomialPoint {
+    double value, slope, bend;  // bend: half of the second derivative
 };
 
 // Horner's scheme
 template <int ORDER>
-VGROOVE_INLINE ValueAndSlope polynomial_at(const Polynomial<ORDER> &p, double t) {
-    double value = p.c[ORDER], slope = 0.0;
+VGROOVE_INLINE PolynomialPoint polynomial_at(const Polynomial<ORDER> &p, double t) {
+    double value = p.c[ORDER], slope = 0.0, bend = 0.0;
     for (int k = ORDER - 1; k >= 0; --k) {
+        bend = bend * t + slope;
         slope = slope * t + value;
         value = value * t + p.c[k];
     }
-    return {value, slope};
+    return {value, slope, bend};
 }
 
-constexpr int NEWTON_REPEATS_MAX = 40;
-constexpr int MINIMUM_BISECTIONS = 12;
+constexpr int ZERO_REPEATS_MAX = 40;
+constexpr int MINIMUM_REPEATS_MAX = 12;
+constexpr double MINIMUM_SHARE = 1e-3;  // of the interval: a shorter step of Newton's is the last
+
+// Zero of the parabola through value and slope at 0 and the value at `high`
+template <int ORDER>
+VGROOVE_INLINE double parabola_zero(const Polynomial<ORDER> &p, double high, double high_value) {
+    const double value = p.c[0], slope = p.c[1];
+    const double bend = (high_value - value - slope * high) / (high * high);
+    return 2.0 * value / (std::sqrt(max_of(slope * slope - 4.0 * bend * value, 0.0)) - slope);
+}
 
 // Instant just past the first zero between 0, where the polynomial is positive, and `high`, where
-// it is negative: Newton's method within a bracket
+// it is negative: Halley's method within a bracket. What it adds to Newton's step, squared over the
+// step, estimates the error that is left.
 template <int ORDER>
 VGROOVE_INLINE double polynomial_zero(const Polynomial<ORDER> &p, double high, double high_value,
                                       double width_s) {
     const double end = high;
-    double low = 0.0, t = high * (p.c[0] / (p.c[0] - high_value));
-    for (int n = 0; n < NEWTON_REPEATS_MAX && high - low > width_s; ++n) {
-        const ValueAndSlope g = polynomial_at(p, t);
+    double low = 0.0, t = parabola_zero(p, high, high_value);
+    t = t > low && t < high ? t : 0.5 * high;
+    for (int n = 0; n < ZERO_REPEATS_MAX && high - low > width_s; ++n) {
+        const PolynomialPoint g = polynomial_at(p, t);
         (g.value < 0.0 ? high : low) = t;
-        const double step = g.value / g.slope, next = t - step;
-        if (g.slope < 0.0 && std::fabs(step) < 0.25 * width_s)
+        const double newton = g.value / g.slope, share = g.bend * newton / g.slope;
+        const double step = newton / (1.0 - share);
+        const double left = std::fabs(step * share * share);
+        const double next = t - step;
+        if (g.slope < 0.0 && std::fabs(share) < 0.5 && left < 0.25 * width_s)
             return min_of(next + 0.5 * width_s, end);
         t = next > low && next < high ? next : 0.5 * (low + high);
     }
@@ -68,15 +83,20 @@ VGROOVE_INLINE double polynomial_zero(const Polynomial<ORDER> &p, double high, d
     return t;
 }
 
-// Instant of the minimum of a polynomial that falls at 0 and rises at h: bisection of its slope
+// Instant of the minimum of a polynomial that falls at 0 and rises at h: Newton's method for its
+// slope within a bracket
 template <int ORDER>
 VGROOVE_INLINE double polynomial_minimum(const Polynomial<ORDER> &p, double h) {
-    double low = 0.0, high = h;
-    for (int n = 0; n < MINIMUM_BISECTIONS; ++n) {
-        const double t = 0.5 * (low + high);
-        (polynomial_at(p, t).slope < 0.0 ? low : high) = t;
+    double low = 0.0, high = h, t = h * (p.c[1] / (p.c[1] - polynomial_at(p, h).slope));
+    for (int n = 0; n < MINIMUM_REPEATS_MAX; ++n) {
+        const PolynomialPoint g = polynomial_at(p, t);
+        (g.slope < 0.0 ? low : high) = t;
+        const double step = 0.5 * g.slope / g.bend, next = t - step;
+        if (std::fabs(step) < MINIMUM_SHARE * h)
+            return max_of(min_of(next, high), low);
+        t = next > low && next < high ? next : 0.5 * (low + high);
     }
-    return 0.5 * (low + high);
+    return t;
 }
 
 // x^(-1/n) within a few per cent, with the same bits on every machine: the exponent divided by n
@@ -85,7 +105,7 @@ VGROOVE_INLINE double rough_inverse_root(double x, unsigned n) {
     return from_bits<double>(ONE + ONE / n - bits_of(x) / n);
 }
 
-// x^(-1/5) within 1e-5, with the same bits on every machine: a guess from the exponent, then two
+// x^(-1/5) within 2e-4, with the same bits on every machine: a guess from the exponent, then two
 // Newton steps
 inline double fifth_inverse_root(double x) {
     double y = from_bits<double>(0x4CB8E91F5C28F5C2u - bits_of(x) / 5u);

@@ -210,6 +210,23 @@ def test_results_do_not_depend_on_batch_or_threads() -> None:
             assert alone[name][0].tobytes() == together[name][row].tobytes(), name
 
 
+@pytest.mark.parametrize("tools", [1, 41, 43])
+def test_columns_of_a_block_in_large_pages_are_those_of_one_tool(tools: int) -> None:
+    """Just below and just above 16 MiB for 13 columns of 3,901 rows, from which on a block lies in
+    large pages; the columns outlive the result that holds them.
+    """
+    time_s = np.arange(3901) * 1e-5
+    log = core.LogInput(time_s, "duty", np.ones(3901), load_kind="hard_joint")
+    theta = np.tile(rig_with({**HARD, "run_torque_nm": 60.0}).parameters(), (tools, 1))
+    one = core.simulate_impact(log, theta[:1], mode="fast")
+    speed, arm = (
+        core.simulate_impact(log, theta, mode="fast", threads=2)[name]
+        for name in ("speed_rad_s", "arm_rad")
+    )
+    assert np.array_equal(speed, np.tile(one["speed_rad_s"], (tools, 1)))
+    assert np.array_equal(arm, np.tile(one["arm_rad"], (tools, 1)))
+
+
 @pytest.mark.parametrize(
     "load", [LOCKED, {**HARD, "run_torque_nm": 60.0}, {**HARD, "run_torque_nm": 6.0}]
 )

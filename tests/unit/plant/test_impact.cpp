@@ -243,17 +243,63 @@ TEST(ImpactPlant, FixedStepsHaveBoundedWork) {
     }
 }
 
-// Contacts of a run of 0.2 s in steps of one PWM period; the bridge is open in the last 0.04 s.
+// Hammer and anvil at an angle of 20 rad that separate so slowly that a step of the width within
+// which events are located may change both angles by the same rounded amount: the penetration stays
+// exactly 0 unless the step is lengthened.
+TEST(ImpactSolver, ReferenceModeLeavesAContactWhosePenetrationIsExactlyZero) {
+    using L = AuditLayout;
+    const Parameters p = reference_tool();
+    for (int n = 0; n < 30; ++n) {
+        ImpactSolver<L> s{};
+        s.parameters = &p;
+        s.model = impact_from(p, LoadKind::NONE, InputKind::DUTY, false, 0.0);
+        s.tolerance = IMPACT_TOLERANCE_REFERENCE;
+        impact_start(s);
+        impact_enter_contact(s.mode, ContactPlace::FORWARD);
+        s.mode.approaching = false;
+        s.mode.drive.slide = 1.0;
+        s.mode.slip = 1;
+        const double speed = 200.0 + 0.37 * n;
+        s.state.x[L::HAMMER_ANGLE] = 20.0;
+        s.state.x[L::ANVIL_ANGLE] = 20.0 + s.model.start_rad - s.mode.forward_rad;
+        s.state.x[STATE_ANGLE] = s.model.ratio * 20.0;
+        s.state.x[L::HAMMER_SPEED] = speed;
+        s.state.x[L::ANVIL_SPEED] = speed + 0.003;
+        s.state.x[STATE_SPEED] = s.model.ratio * speed;
+        impact_run(s, 1e-7);
+        EXPECT_EQ(s.mode.place, ContactPlace::NONE) << speed;
+        EXPECT_LT(s.stats.steps, 20.0) << speed;
+    }
+}
+
+// Contacts of a run of 0.2 s in steps of one PWM period; the bridge is open from open_s on.
 static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accuracy, double duty,
-                                     double dead) {
+                                     double dead, double open_s) {
     ImpactPlant tool(p, LoadKind::HARD_JOINT, HallWheel{}, 1, accuracy, 0.0);
     std::vector<Blow> found;
     for (int n = 0; n * PERIOD_S < 0.2; ++n) {
-        tool.period(n * PERIOD_S > 0.16, duty, dead, 0.0);
+        tool.period(n * PERIOD_S > open_s, duty, dead, 0.0);
         for (const Blow &b : tool.take_blows())
             found.push_back(b);
     }
     return found;
+}
+
+// The contacts of fast mode are those of reference mode.
+static void expect_same_contacts(const Parameters &p, double duty, double dead, double open_s) {
+    const std::vector<Blow> fast = contacts_of(p, ImpactAccuracy::FAST, duty, dead, open_s);
+    const std::vector<Blow> reference =
+        contacts_of(p, ImpactAccuracy::REFERENCE, duty, dead, open_s);
+    ASSERT_EQ(fast.size(), reference.size());
+    ASSERT_GE(fast.size(), 5u);
+    for (std::size_t n = 0; n < fast.size(); ++n) {
+        EXPECT_EQ(fast[n].lug, reference[n].lug);
+        EXPECT_NEAR(fast[n].time_s, reference[n].time_s, 20e-6);
+        EXPECT_NEAR(fast[n].impulse_nm_s, reference[n].impulse_nm_s,
+                    2e-3 * std::fabs(reference.back().impulse_nm_s));
+        EXPECT_NEAR(fast[n].peak_torque_nm, reference[n].peak_torque_nm,
+                    2e-3 * reference.back().peak_torque_nm);
+    }
 }
 
 // On either flank, with dead time and with an open bridge, the Taylor series of fast mode give the
@@ -263,23 +309,34 @@ TEST(ImpactPlant, FastModeHasTheContactsOfReferenceMode) {
     for (const double run_nm : {6.0, 60.0, 400.0}) {
         p.load.run_torque_nm = run_nm;
         for (const double duty : {1.0, -1.0, 0.8}) {
-            const double dead = duty == 0.8 ? 0.05 : 0.0;
-            const std::vector<Blow> fast = contacts_of(p, ImpactAccuracy::FAST, duty, dead);
-            const std::vector<Blow> reference =
-                contacts_of(p, ImpactAccuracy::REFERENCE, duty, dead);
-            ASSERT_EQ(fast.size(), reference.size());
-            ASSERT_GE(fast.size(), 5u);
-            for (std::size_t n = 0; n < fast.size(); ++n) {
-                EXPECT_EQ(fast[n].lug, reference[n].lug);
-                EXPECT_NEAR(fast[n].time_s, reference[n].time_s, 20e-6)
-                    << run_nm << " N m, duty " << duty;
-                EXPECT_NEAR(fast[n].impulse_nm_s, reference[n].impulse_nm_s,
-                            2e-3 * std::fabs(reference.back().impulse_nm_s));
-                EXPECT_NEAR(fast[n].peak_torque_nm, reference[n].peak_torque_nm,
-                            2e-3 * reference.back().peak_torque_nm);
-            }
+            SCOPED_TRACE(testing::Message() << run_nm << " N m, duty " << duty);
+            expect_same_contacts(p, duty, duty == 0.8 ? 0.05 : 0.0, 0.16);
         }
     }
+}
+
+// Effects at supply, motor and sensors enter the Taylor series by their rates. The tool is driven
+// all the time.
+TEST(ImpactPlant, FastModeHasTheContactsOfReferenceModeWithEffectsAtTheMotor) {
+    const auto expect_with = [](const char *effect, auto change) {
+        SCOPED_TRACE(effect);
+        Parameters p = reference_tool();
+        p.load.run_torque_nm = 60.0;
+        change(p.effects);
+        expect_same_contacts(p, 1.0, 0.0, 1.0);
+    };
+    using Effects = EffectParameters;
+    expect_with("coulomb friction", [](Effects &e) { e.coulomb_friction.torque_nm = 0.01; });
+    expect_with("load friction", [](Effects &e) { e.load_dependent_friction.relative = 0.1; });
+    expect_with("brush drop", [](Effects &e) { e.brush_drop.voltage_v = 0.5; });
+    expect_with("droop", [](Effects &e) {
+        e.supply_droop.volt_per_coulomb = 0.01;
+        e.supply_droop.polarisation_ohm = 0.05;
+        e.supply_droop.polarisation_s = 0.1;
+    });
+    expect_with("heating", [](Effects &e) { e.winding_heating.kelvin_per_joule = 0.05; });
+    expect_with("current lag", [](Effects &e) { e.current_lag.time_constant_s = 2e-3; });
+    expect_with("speed lag", [](Effects &e) { e.speed_lag.time_constant_s = 2e-3; });
 }
 
 // Fast mode is fast because a blow with all its contacts and slips takes few steps.
