@@ -2,6 +2,7 @@
 of the hammer, the roughness of the joint, and the repeatability of tool and sensors.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,7 @@ from vgroove.rig import Rig
 # repeats, and no sensor keeps its scale, more closely (an estimate)
 REPEATABILITY = 1e-3
 SCALED = (LEVEL, PERIOD, RUN_UP, SHAPE)  # kinds of statistics in proportion to a scale
+TOLERATED_TOOLS = 8  # tools within the tolerances, over which the response to roughness is taken
 SIMULATED_LOGS = 4  # from which the scatter that noise and mechanism cause is taken
 
 
@@ -45,15 +47,19 @@ def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
     neutral = without_effects(theta)
     if "hammer_start_rad" in rig.mechanism:
         run = with_simulated_scatter(run, neutral, theta[[COLUMN]])
-        none = np.zeros((len(run.part), 0))
-        return with_responses(replace(run, early=None), neutral, none), theta[[COLUMN]]
+        run = replace(run, early=None)
+        rough = roughness_responses(run, tolerated_tools(rig, neutral))
+        run = with_responses(with_deviations(run, rough.curvature), [rough.directions])
+        return run, theta[[COLUMN]]
     run = with_simulated_scatter(run, neutral, start_angles(theta, SIMULATED_LOGS))
     tried, has_effects = start_angles(theta), not np.array_equal(neutral, theta)
     statistics = simulate_statistics(run, with_starts(neutral, tried))
     scatter = start_scatter(run, statistics)
     run = with_deviations(run, scatter.apart)
     neutral[COLUMN] = closest_start(run, neutral, tried)
-    run = with_responses(with_start_curvature(run, neutral), neutral, scatter.shared)
+    rough = roughness_responses(run, tolerated_tools(rig, neutral))
+    run = with_start_curvature(with_deviations(run, rough.curvature), neutral)
+    run = with_responses(run, [rough.directions, scatter.shared])
     best = closest_start(run, theta, tried)
     if has_effects:
         statistics = simulate_statistics(run, with_starts(theta, tried))
@@ -98,12 +104,24 @@ def repeatability(run: ImpactRun) -> np.ndarray:
     return size[:, None] * (mine[:, None] == np.arange(len(columns)))
 
 
-def with_responses(run: ImpactRun, theta: np.ndarray, of_start: np.ndarray) -> ImpactRun:
-    """The run that is judged beside what the log does not tell, for parameters (P,); of_start: the
-    responses (n, M) to the start angle.
+def tolerated_tools(rig: Rig, theta: np.ndarray) -> np.ndarray:
+    """Parameter sets (B, P): the given one (P,), and where the rig has tolerances some tools that
+    they allow. Hammering may begin at another place of the joint with each of them.
+    """
+    keys = {PARAMETERS.index(key): sigma for key, sigma in rig.tolerance.items()}
+    found = np.tile(theta, (1 + TOLERATED_TOOLS if keys else 1, 1))
+    draws = np.random.default_rng(0).standard_normal((TOLERATED_TOOLS, len(keys)))
+    for (column, sigma), drawn in zip(keys.items(), draws.T, strict=True):
+        found[1:, column] *= np.exp(sigma * drawn)
+    return found
+
+
+def with_responses(run: ImpactRun, responses: Sequence[np.ndarray]) -> ImpactRun:
+    """The run that is judged beside what the log does not tell: responses (n, m) each, and the
+    repeatability of tool and sensors.
     """
     kept = run.judged
-    every = np.concatenate([roughness_responses(run, theta), repeatability(run), of_start], axis=1)
+    every = np.concatenate([*responses, repeatability(run)], axis=1)
     return replace(run, nuisance=NuisanceDirections.of(every[kept] / run.sigma[kept, None]))
 
 
