@@ -13,12 +13,17 @@ from vgroove.gap.selection.search_state import Search
 STARTS = 3  # single effects, those of least cost, from whose nuisance parameters it is started
 
 
-def retune_again(search: Search) -> Search:
-    """The search whose retuned fit is the best of all starts; the same one where the standard
-    deviations are no bounds (the motion is then smooth in its parameters) or no key is tolerated.
+def may_retune_again(search: Search) -> bool:
+    """Whether the tolerated keys may have a better minimum: not where the standard deviations are
+    no bounds (the motion is then smooth in its parameters) or no key is tolerated.
     """
+    return bool(search.engine.nuisance) and search.problem.sigma_is_bound
+
+
+def retune_again(search: Search) -> Search:
+    """The search whose retuned fit is the best of all starts."""
     engine, known = search.engine, search.retuned
-    if not engine.nuisance or not search.problem.sigma_is_bound:
+    if not may_retune_again(search):
         return search
     singles = [f for k, f in search.fits.items() if len(k) == 1 and f.cost < known.cost]
     closest = sorted(singles, key=lambda f: (f.cost, f.ids))[:STARTS]

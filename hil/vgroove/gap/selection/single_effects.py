@@ -15,7 +15,7 @@ from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.extension import AddedEffect, differentiate_added
 from vgroove.gap.selection.model_comparison import MIN_POWER, clipped_squares
-from vgroove.gap.selection.retuned_again import retune_again
+from vgroove.gap.selection.retuned_again import may_retune_again, retune_again
 from vgroove.gap.selection.search_state import COMPARISON, Search, key, reblock, rescale
 
 
@@ -66,10 +66,15 @@ def fit_single_effects(search: Search) -> Search:
     """
     search.progress("each effect alone")
     search, ripples = ripple_starts(search)
-    fit_from_retuned(search, ripples)
-    retuned, search = search.retuned, retune_again(search)
-    if search.retuned is not retuned and search.leaves_gap(search.retuned):
-        fit_from_retuned(search, ripples)
+    if may_retune_again(search):
+        fit_from_retuned(search, ripples, STARTS.brief_rounds)
+        retuned, search = search.retuned, retune_again(search)
+        if search.retuned is not retuned and search.leaves_gap(search.retuned):
+            fit_from_retuned(search, ripples, COMPARISON.max_rounds)
+        else:
+            finish_fits(search)
+    else:
+        fit_from_retuned(search, ripples, COMPARISON.max_rounds)
     refit_at_wider_bounds(search)
     fit_along_lines(search)
     search = align_to_best_single(search)
@@ -81,14 +86,25 @@ def fit_single_effects(search: Search) -> Search:
     return reblock(rescale(search))
 
 
-def fit_from_retuned(search: Search, ripples: RippleStarts) -> None:
-    """Fit every effect alone, the nuisance parameters started at their retuned values."""
+def fit_from_retuned(search: Search, ripples: RippleStarts, rounds: int) -> None:
+    """Fit every effect alone, the nuisance parameters started at their retuned values, in at most
+    so many rounds after the brief fits, and those near the best to convergence.
+    """
     nuisance = search.retuned.x
     starts = [
         screened(search, ripples.get((e.id,)) or search.engine.hypotheses([e], nuisance))
         for e in search.effects
     ]
-    search.fit_and_keep(best_brief_starts(search, starts), COMPARISON.max_rounds)
+    search.fit_and_keep(best_brief_starts(search, starts), rounds)
+
+
+def finish_fits(search: Search) -> None:
+    """Fit the effects to convergence that are not yet, from where their fits ended."""
+    singles = [search.fits[(e.id,)] for e in search.effects]
+    rest = [one for one in singles if one.improving and not one.exact]
+    search.engine.continue_fits(rest, range(STARTS.brief_rounds, COMPARISON.max_rounds))
+    near = {id(one) for one in search.near_best(singles)}
+    predict_held_out(search.engine, [one for one in rest if id(one) in near])
 
 
 def refit_at_wider_bounds(search: Search) -> None:

@@ -199,6 +199,16 @@ def own_sigma(run: ImpactRun, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.concatenate([np.sqrt(variance).T.ravel(), spans.ravel()])
 
 
+def white_sigma(run: ImpactRun) -> np.ndarray:
+    """Standard deviations (n,) that white noise of the columns causes in a log's statistics, 1 in
+    those of the run-up.
+    """
+    columns = {n: interpolate_missing(run.log.time_s, run.log.columns[n]) for n in run.reader.noise}
+    fit = run.reader.fit({name: np.asarray(c, float)[None] for name, c in columns.items()})
+    cycles = np.sqrt(run.reader.noise_variances(fit)).T.ravel()
+    return np.concatenate([cycles, np.ones(len(run.part) - len(cycles))])
+
+
 def judged_columns(log: CleanLog) -> dict[str, np.ndarray]:
     """Columns (rows,) of which statistics are judged, missing samples interpolated."""
     bus = log.rig.bus_is_measured

@@ -17,6 +17,9 @@ SLIP_TORQUE = "effects.thread_friction.relative"
 # which its correlation falls to 1/e: wood and lubricated threads vary by a few per cent within a
 # part of a turn (estimates)
 ROUGHNESS, LENGTH_RAD = 0.03, 0.5
+# Larger and smaller slip torque of which responses are taken, in standard deviations: with the
+# plain one the points of Gauss-Hermite quadrature of order 3, whose weights are 1/6, 2/3, 1/6
+NODE, NODE_WEIGHT = np.sqrt(3.0), 1.0 / 6.0
 PLACES = 5  # of a window or span at which the roughness acts
 
 
@@ -32,7 +35,8 @@ class RoughnessResponse:
 
 
 def roughness_responses(run: ImpactRun, theta: np.ndarray) -> RoughnessResponse:
-    """The responses for parameter sets (B, P): the directions are those of the first one, the
+    """The responses for parameter sets (B, P), by statistical linearisation (S. Sarkka, Bayesian
+    Filtering and Smoothing, 2013, chapter 5): the directions are those of the first one, the
     curvature is the RMS over all.
 
     A statistic responds to the mean of the roughness over its window as to a slip torque that is
@@ -40,12 +44,22 @@ def roughness_responses(run: ImpactRun, theta: np.ndarray) -> RoughnessResponse:
     (the period, the speed of the anvil) against the mean: it weights the window's middle.
     """
     rougher = np.repeat(theta, 3, axis=0)
-    rougher[:, PARAMETERS.index(SLIP_TORQUE)] = np.tile([0.0, ROUGHNESS, -ROUGHNESS], len(theta))
+    nodes = ROUGHNESS * NODE * np.array([0.0, 1.0, -1.0])
+    rougher[:, PARAMETERS.index(SLIP_TORQUE)] = np.tile(nodes, len(theta))
     rows = simulate(run, rougher)
     statistics = np.nan_to_num(run.read(model_columns(run, rows), True))
-    plain, more, less = np.moveaxis(statistics.reshape(len(theta), 3, -1), 1, 0)
-    curvature = np.sqrt(np.mean((0.5 * (more + less) - plain) ** 2, axis=0))
-    return RoughnessResponse(_directions(run, rows, 0.5 * (more[0] - less[0])), curvature)
+    change, curvature = linearised(statistics.reshape(len(theta), 3, -1))
+    return RoughnessResponse(_directions(run, rows, change), curvature)
+
+
+def linearised(at_nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change (n,) by one standard deviation of the slip torque of the first tool, and RMS (n,) of
+    what is not proportional to the slip torque over all tools, from the values (tools, 3, n) at the
+    plain slip torque, at a larger and at a smaller one.
+    """
+    plain, more, less = np.moveaxis(at_nodes, 1, 0)
+    power = 2.0 * NODE_WEIGHT * (0.5 * (more + less) - plain) ** 2
+    return 0.5 * (more[0] - less[0]) / NODE, np.sqrt(power.mean(axis=0))
 
 
 def _directions(run: ImpactRun, rows: dict[str, np.ndarray], change: np.ndarray) -> np.ndarray:
