@@ -83,6 +83,20 @@ def test_a_poor_minimum_of_the_tolerated_keys_is_not_credited_to_an_effect() -> 
     assert retune_again(again).retuned is again.retuned
 
 
+@pytest.mark.parametrize("size", [0.0, 0.3])
+def test_single_effects_are_fitted_to_convergence_beside_tolerated_keys(size: float) -> None:
+    """Whether retuning leaves a gap (the effect is present) or none."""
+    loose = impact_rig().as_dict() | {"tolerance": {"motor.resistance_ohm": 0.02}}
+    rig, effect = rig_from_dict(loose, "loose"), {"impact_damping.relative": size}
+    log = plant_log(rig, effect, 9, step(0.9, 1.0))
+    search = fit_single_effects(search_over(log, rig, "impact_damping", "viscous_friction"))
+    for one in (search.fits[(e.id,)] for e in search.effects):
+        again = search.engine.fit([replace(one.hypothesis, start=one.x)])[0]
+        assert again.cost > one.cost - 2.0 * search.engine.converged_gain(one)
+    assert search.fits[("impact_damping",)].exact
+    assert search.score(search.fits[("impact_damping",)]) < 1.0
+
+
 def test_the_standard_deviations_hold_what_is_not_proportional_to_the_roughness() -> None:
     """A joint at whose torque the tool just hammers: by a few per cent more or less the cycle is
     another one, in some windows of the log and not in others.

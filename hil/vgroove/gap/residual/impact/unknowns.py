@@ -14,7 +14,6 @@ from vgroove.gap.residual.impact.hall_reading import edge_speed
 from vgroove.gap.residual.impact.impact_run import ImpactRun, own_sigma, white_sigma
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.roll_outs import (
-    COLUMNS,
     PARAMETERS,
     model_columns,
     simulate,
@@ -104,23 +103,15 @@ def with_simulated_scatter(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
     and of a Hall speed at most the errors of its edges: what scatters further in the log is
     evidence. theta (T, M, P): of the rig's tool first and of further tools from M start angles.
     """
-    rows = simulated_rows(run, theta.reshape(-1, theta.shape[-1]))
+    rows = simulate(run, theta.reshape(-1, theta.shape[-1]))
     plain = model_columns(run, rows)
     sensed = sensed_columns(run, rows, plain)
     count = theta.shape[1] * EDGE_PLACES
     each = [own_sigma(run, {n: column[[k]] for n, column in sensed.items()}) for k in range(count)]
     simulated = np.sqrt(np.mean(np.square(each), axis=0))
-    error = run.read(sensed, False) - run.read(plain, True)
+    error = run.read(sensed, False) - np.repeat(run.read(plain, True), EDGE_PLACES, axis=0)
     run = replace(run, sigma=np.fmin(run.sigma, simulated))
     return with_edge_errors(run, error.reshape(len(theta), count, -1))
-
-
-def simulated_rows(run: ImpactRun, theta: np.ndarray) -> dict[str, np.ndarray]:
-    """Simulated columns (B * EDGE_PLACES, rows) of parameter sets (B, P): each EDGE_PLACES times in
-    succession.
-    """
-    found = simulate(run, theta)
-    return {name: np.repeat(found[name], EDGE_PLACES, axis=0) for name in COLUMNS}
 
 
 def with_edge_errors(run: ImpactRun, error: np.ndarray) -> ImpactRun:
@@ -142,21 +133,26 @@ def with_edge_errors(run: ImpactRun, error: np.ndarray) -> ImpactRun:
 def sensed_columns(
     run: ImpactRun, rows: dict[str, np.ndarray], plain: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Columns (B, rows) as the tool's sensors would log simulated ones, from the simulated motion
-    and the columns without noise. The noise of a Hall speed is that of its edges, whose place in
-    the turn differs from set to set; noise of the column beyond it is added as white noise.
+    """Columns (B * EDGE_PLACES, rows) as the tool's sensors would log simulated ones (B, rows),
+    from the simulated motion and the columns without noise. The noise of a Hall speed is that of
+    its edges, with EDGE_PLACES places of these in the turn; noise of the column beyond it is added
+    as white noise.
     """
     rng, found = np.random.default_rng(0), {}
     for name, values in plain.items():
         noise = run.reader.noise[name]
+        sensed = np.repeat(values, EDGE_PLACES, axis=0)
         if name == "speed_rpm" and run.pulses:
-            place = np.arange(len(values))[:, None] / EDGE_PLACES % 1.0 * TURN_RAD / run.pulses
-            motion = rows["angle_measured_rad"] + place, rows["speed_measured_rad_s"]
-            read = edge_speed(*motion, run.windows.row_s, run.pulses, run.timeout_s)
-            values = RPM_PER_RAD_S * read
-            own = np.median([high_frequency_sigma(each) for each in values])
+            place = np.arange(len(sensed))[:, None] / EDGE_PLACES % 1.0 * TURN_RAD / run.pulses
+            angle, speed = (
+                np.repeat(rows[of], EDGE_PLACES, axis=0)
+                for of in ("angle_measured_rad", "speed_measured_rad_s")
+            )
+            read = edge_speed(angle + place, speed, run.windows.row_s, run.pulses, run.timeout_s)
+            sensed = RPM_PER_RAD_S * read
+            own = np.median([high_frequency_sigma(each) for each in sensed])
             noise = np.sqrt(max(noise**2 - own**2, 0.0)) if np.isfinite(own) else noise
-        found[name] = values + noise * rng.standard_normal(values.shape)
+        found[name] = sensed + noise * rng.standard_normal(sensed.shape)
     return found
 
 
