@@ -141,6 +141,7 @@ def test_errors_of_edges_bound_the_standard_deviations_of_the_speed_alone(size: 
     white = white_sigma(run)
     error = size * white * np.random.default_rng(0).standard_normal((2, 200, len(white)))
     error[1] *= 0.5  # of a tool whose errors are smaller
+    error = np.concatenate([error, np.full_like(error[:1], np.nan)])  # and of an impossible one
     found = with_edge_errors(run, error).sigma
     speed = np.array([p.column == "speed_rpm" for p in run.parts])[run.part]
     speed &= run.judged & ~run.is_run_up

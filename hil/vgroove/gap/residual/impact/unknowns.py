@@ -37,7 +37,7 @@ from vgroove.units import RPM_PER_RAD_S, TURN_RAD
 # repeats, and no sensor keeps its scale, more closely (an estimate)
 REPEATABILITY = 1e-3
 SCALED = (LEVEL, PERIOD, RUN_UP, SHAPE)  # kinds of statistics in proportion to a scale
-TOLERATED_TOOLS = 8  # tools within the tolerances, over which the response to roughness is taken
+TOLERATED_TOOLS = 8  # tools within the tolerances, over which standard deviations are taken
 LEAST_RATIO = 0.1  # of the error of edges to that of white noise: keeps a standard deviation
 SIMULATED_LOGS = 4  # from which the scatter that noise and mechanism cause is taken
 EDGE_PLACES = 4  # places of the Hall edges in the turn, for each of these logs
@@ -91,8 +91,8 @@ def further_scatter(run: ImpactRun, tools: np.ndarray, statistics: np.ndarray) -
         return np.zeros(statistics.shape[1])
     others = from_all_starts(tools[1:], STARTS_OF_TOOL)
     found = simulate_statistics(run, others.reshape(-1, tools.shape[1]))
-    variance = np.nanvar(found.reshape(*others.shape[:2], -1), axis=1)
-    own, theirs = np.nanvar(statistics, axis=0), np.nanmean(variance, axis=0)
+    variance = np.var(found.reshape(*others.shape[:2], -1), axis=1)
+    own, theirs = np.var(statistics, axis=0), np.nan_to_num(variance).mean(axis=0)
     cycle = run.of_places(run.windows.periodic, np.zeros(len(run.run_up.first), bool))
     excess = np.maximum((theirs - own) * (len(tools) - 1) / len(tools), 0.0)
     return np.where(cycle, np.sqrt(np.nan_to_num(excess)), 0.0)
@@ -124,8 +124,8 @@ def with_edge_errors(run: ImpactRun, error: np.ndarray) -> ImpactRun:
     for k, part in enumerate(run.reader.parts):
         mine = (run.part == k) & run.judged
         if run.pulses and part.column == "speed_rpm" and mine.any():
-            power = np.nanmean((error[..., mine] / white[mine]) ** 2, axis=(1, 2))
-            ratio = np.sqrt(power.max())
+            power = np.mean((error[..., mine] / white[mine]) ** 2, axis=(1, 2))
+            ratio = np.sqrt(max(power[np.isfinite(power)], default=np.inf))
             sigma[mine] = np.fmin(sigma[mine], white[mine] * max(ratio, LEAST_RATIO))
     return replace(run, sigma=sigma)
 
