@@ -12,10 +12,26 @@ from vgroove.gap.catalogue.statistics import LEVEL, RUN_UP
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.problem import ImpactProblem
 from vgroove.gap.residual.impact.roll_outs import simulate_statistics
-from vgroove.gap.residual.impact.roughness import ROUGHNESS, SLIP_TORQUE, roughness_responses
-from vgroove.gap.residual.impact.start_angle import COLUMN, profiled_starts, start_angles
+from vgroove.gap.residual.impact.roughness import (
+    NODE,
+    ROUGHNESS,
+    SLIP_TORQUE,
+    linearised,
+    roughness_responses,
+)
+from vgroove.gap.residual.impact.start_angle import (
+    COLUMN,
+    profiled_starts,
+    start_angles,
+    with_starts,
+)
 from vgroove.gap.residual.impact.start_scatter import StartScatter
-from vgroove.gap.residual.impact.unknowns import REPEATABILITY, SCALED
+from vgroove.gap.residual.impact.unknowns import (
+    REPEATABILITY,
+    SCALED,
+    from_all_starts,
+    further_scatter,
+)
 from vgroove.gap.residual.loading import load_problem
 from vgroove.log import Log
 
@@ -159,6 +175,17 @@ def test_scatter_that_the_model_does_not_show_is_a_gap(column: str) -> None:
     assert wider < 1.5
 
 
+@pytest.mark.parametrize("curved", [0.0, 0.7, -2.0])
+def test_the_response_to_roughness_keeps_the_moments_of_a_parabola(curved: float) -> None:
+    """Of y = a + b x + c x^2 with x normal of variance 1 the slope is b, and a + b x leaves an RMS
+    of |c| sqrt(E[x^4]) = |c| sqrt(3).
+    """
+    x = np.array([0.0, NODE, -NODE])[:, None]
+    change, left = linearised(np.stack([2.0 + 3.0 * x + curved * x**2, 0.0 * x]))
+    assert change == pytest.approx(3.0)
+    assert left == pytest.approx(abs(curved) * np.sqrt(3.0 / 2.0))  # RMS over two tools
+
+
 @pytest.mark.parametrize(
     ("file", "seconds", "together"),
     [("impact_driver", 2.0, True), ("impact_driver_wood_screw", 2.0, False)],
@@ -172,7 +199,7 @@ def test_windows_at_one_place_of_the_joint_meet_one_roughness(
     problem = load_problem([plant_log(rig, {}, 3, duty)], rig)
     run = problem.runs[0]
     plant = problem.of_log(0, problem.theta0[None])
-    response = roughness_responses(run, plant[0])
+    response = roughness_responses(run, plant).directions
     level = [p.column == "current_a" and p.kind == LEVEL for p in run.parts].index(True)
     rows = response[run.part == level][-8:]
     covariance = rows @ rows.T
@@ -180,10 +207,10 @@ def test_windows_at_one_place_of_the_joint_meet_one_roughness(
     correlation = covariance / np.outer(size, size)
     assert len(rows) == 8 and np.all(size > 0.0)
     assert correlation[0, -1] > 0.6 if together else abs(correlation[0, -1]) < 0.1
-    more = plant.copy()
-    more[0, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
-    plain, rough = simulate_statistics(run, np.concatenate([plant, more]))
-    throughout = np.abs(rough - plain)[run.part == level][-8:]
+    ends = np.repeat(plant, 2, axis=0)
+    ends[:, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS * NODE, -ROUGHNESS * NODE
+    rough, smooth = simulate_statistics(run, ends)
+    throughout = 0.5 / NODE * np.abs(rough - smooth)[run.part == level][-8:]
     # the mean over a window that passes several places varies less than the torque at one
     assert np.all(size <= throughout * 1.0001)
     assert np.all(size > throughout * (0.8 if together else 0.2))
@@ -201,3 +228,24 @@ def test_the_scale_of_a_sensor_is_no_gap_up_to_its_repeatability() -> None:
     left = moved.residuals(run.measured[None])[0]
     assert np.linalg.norm(plain) > 25.0
     assert np.linalg.norm(left) == pytest.approx(5.0, rel=0.1)
+
+
+def test_tools_of_the_tolerances_add_scatter_over_the_start_only_where_theirs_is_larger() -> None:
+    """The same tool again adds nothing but the error of sampling; another one beside a tool without
+    scatter half its variance.
+    """
+    rig = impact_rig()
+    run = load_problem([plant_log(rig, {}, 6, step(0.9))], rig).runs[0]
+    theta = rig.parameters()
+    statistics = simulate_statistics(run, with_starts(theta, start_angles(theta)))
+    assert not further_scatter(run, theta[None], statistics).any()
+    same = further_scatter(run, np.tile(theta, (4, 1)), statistics)
+    own = np.nanstd(statistics, axis=0)
+    kept = run.judged & ~run.is_run_up
+    assert np.median(same[kept] / own[kept]) < 0.5
+    other = np.tile(theta, (2, 1))
+    other[1, PARAMETERS.index("mechanism.spring_preload_n")] *= 1.2
+    found = further_scatter(run, other, 0.0 * statistics)
+    each = simulate_statistics(run, from_all_starts(other[1:], 12)[0])
+    expected = np.sqrt(0.5) * np.std(each, axis=0)
+    assert found[kept] == pytest.approx(expected[kept], rel=1e-6)

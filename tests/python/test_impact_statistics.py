@@ -9,8 +9,10 @@ from impact_logs import PULSES, TIMEOUT_S, edge_reading, impact_rig, plant_log, 
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue.statistics import PERIOD, STATISTICS
 from vgroove.gap.residual.impact.cycle_statistics import NOISE_LEFT, interpolated
-from vgroove.gap.residual.impact.hall_reading import mean_hall_speed
+from vgroove.gap.residual.impact.hall_reading import edge_speed, mean_hall_speed
 from vgroove.gap.residual.impact.harmonics import fit_harmonics, fundamental_hz
+from vgroove.gap.residual.impact.impact_run import white_sigma
+from vgroove.gap.residual.impact.unknowns import with_edge_errors
 from vgroove.gap.residual.loading import load_problem
 from vgroove.log import Log
 
@@ -57,6 +59,97 @@ def test_the_mean_hall_speed_is_the_mean_reading_over_the_places_of_the_edges() 
     assert found[inside] == pytest.approx(expected[inside], rel=0.005)
     without = np.abs(speed - expected)[inside].max()  # the reading lags and smooths
     assert np.abs(found - expected)[inside].max() < 0.2 * without
+
+
+def edge_speed_of(angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Readings (rows,) of one motion at rows every ROW_S."""
+    return edge_speed(angle[None], speed[None], ROW_S, PULSES, TIMEOUT_S)[0]
+
+
+PITCH = 2.0 * np.pi / PULSES
+
+
+@pytest.mark.parametrize("speed", [1000.0, -1000.0, 1.01 * PITCH / TIMEOUT_S])
+def test_simulated_edges_of_a_constant_speed_show_it_from_the_second_edge_on(speed: float) -> None:
+    time_s = ROW_S * np.arange(300)
+    found = edge_speed_of(speed * time_s, np.full(300, speed))
+    shown = time_s >= 2.0 * PITCH / abs(speed)
+    assert found[~shown] == pytest.approx(0.0)
+    assert found[shown] == pytest.approx(speed, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.99 * PITCH / TIMEOUT_S, -0.99 * PITCH / TIMEOUT_S])
+def test_a_speed_whose_edges_are_further_apart_than_the_timeout_reads_zero(speed: float) -> None:
+    time_s = ROW_S * np.arange(300)
+    assert not edge_speed_of(speed * time_s, np.full(300, speed)).any()
+
+
+@pytest.mark.parametrize(("turned", "shows"), [(0.0, False), (1.99, False), (2.01, True)])
+def test_a_shaft_that_passes_fewer_than_two_edges_reads_zero(turned: float, shows: bool) -> None:
+    speed = turned * PITCH / 0.08
+    time_s = ROW_S * np.arange(81)
+    assert edge_speed_of(speed * time_s, np.full(81, speed)).any() == shows
+
+
+def test_a_shaft_that_swings_back_repeats_no_edge() -> None:
+    """It turns by four pitches, swings back by three and stays: the reading is the pitch over the
+    age of the fourth edge until the timeout.
+    """
+    rows = np.arange(200)
+    speed = PITCH * np.interp(rows, [0, 39, 41, 69, 71], [110.0, 110.0, -110.0, -110.0, 0.0])
+    angle = ROW_S * np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])
+    assert 4.0 < angle.max() / PITCH < 5.0
+    assert angle[-1] / PITCH < 1.5
+    found, fourth_s = edge_speed_of(angle, speed), 4.0 / 110.0
+    later = rows[50:] * ROW_S - fourth_s
+    expected = np.where(later > TIMEOUT_S, 0.0, PITCH / later)
+    assert found[50:] == pytest.approx(expected, rel=1e-6)
+
+
+def test_simulated_edges_read_as_the_edges_of_the_exact_motion() -> None:
+    time_s, rate = ROW_S * np.arange(400), 2.0 * np.pi * 50.0
+
+    def angle_at(t: np.ndarray) -> np.ndarray:
+        return 1000.0 * t + 60.0 / rate * (1.0 - np.cos(rate * t))
+
+    fine = np.linspace(0.0, time_s[-1], 1000 * (len(time_s) - 1) + 1)
+    exact = edge_reading(fine, angle_at(fine), 0.0)[::1000]
+    found = edge_speed_of(angle_at(time_s), 1000.0 + 60.0 * np.sin(rate * time_s))
+    inside = slice(20, -20)
+    assert found[inside] == pytest.approx(exact[inside], rel=2e-3)
+
+
+def test_a_motion_that_the_plant_could_not_simulate_reads_nan() -> None:
+    assert np.isnan(edge_speed_of(np.full(30, np.nan), np.zeros(30))).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_shape_of_a_hall_speed_is_at_the_errors_of_its_edges(seed: int) -> None:
+    rig = impact_rig(supply__voltage_v=17.0 + seed)
+    problem = load_problem([plant_log(rig, {}, seed, ramp(0.9, 1.8))], rig)
+    residual = problem.residuals(problem.theta0)[0]
+    names = np.array([signal.column for signal in problem.signals])[problem.signal]
+    shape = residual[(problem.time_s > 0.8) & (names == "speed_rpm.shape")]
+    assert 0.7 < np.sqrt(np.mean(shape**2)) < 1.2
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3, 5.0])
+def test_errors_of_edges_bound_the_standard_deviations_of_the_speed_alone(size: float) -> None:
+    """To errors of this size in standard deviations of white noise; 0.1 where there are none."""
+    problem = load_problem([plant_log(impact_rig(), {}, 1, ramp(0.9, 1.5))], impact_rig())
+    run = problem.runs[0]
+    white = white_sigma(run)
+    error = size * white * np.random.default_rng(0).standard_normal((2, 200, len(white)))
+    error[1] *= 0.5  # of a tool whose errors are smaller
+    error = np.concatenate([error, np.full_like(error[:1], np.nan)])  # and of an impossible one
+    found = with_edge_errors(run, error).sigma
+    speed = np.array([p.column == "speed_rpm" for p in run.parts])[run.part]
+    speed &= run.judged & ~run.is_run_up
+    assert speed.any()
+    assert found[~speed] == pytest.approx(run.sigma[~speed])
+    expected = np.fmin(run.sigma, max(size, 0.1) * white)
+    assert found[speed] == pytest.approx(expected[speed], rel=0.1)
+    assert (found <= run.sigma).all()
 
 
 def test_interpolated_windows_keep_smooth_signals_and_reduce_noise_as_stated() -> None:

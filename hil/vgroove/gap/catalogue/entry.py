@@ -98,6 +98,7 @@ class Parameter:
     low_is_convention: bool = False
     physical: str = ""
     plausible: OfScales | None = None
+    local: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,27 @@
 """Effects of the joint."""
 
 from .common import relative
-from .entry import Effect, Parameter, constant
+from .entry import ZERO, Effect, Parameter, constant
 
 SLIPPING = ("hard_joint", "disc_spring", "wood_screw")
+
+
+def _end_of_knot(name: str, start: float) -> Parameter:
+    """An end of a wood knot, in units of the angle by which the head turns in the log: beyond that
+    angle it acts on nothing. Its differences are taken over about the angle of a blow.
+    """
+    return Parameter(
+        name,
+        "rad",
+        lambda s: s.head_rad,
+        ZERO,
+        lambda s: 1.1 * s.head_rad,
+        (start,),
+        step=0.005,
+        physical="both",
+        local=True,
+    )
+
 
 EFFECTS = (
     Effect(
@@ -59,8 +77,8 @@ EFFECTS = (
                 constant(100.0),
                 (1.0,),
             ),
-            Parameter("from_rad", "rad", lambda s: s.head_rad, starts=(0.0, 0.3, 0.6)),
-            Parameter("to_rad", "rad", lambda s: s.head_rad, starts=(0.4, 0.7, 1.0)),
+            _end_of_knot("from_rad", 0.0),
+            _end_of_knot("to_rad", 1.0),
         ),
     ),
 )

@@ -144,6 +144,7 @@ class HypothesisBuilder:
             self.problem.difference_factor * parameter.step,
             parameter.zero_below,
             physical=parameter.physical,
+            local=parameter.local,
         )
         if name in known:
             return coordinate, (known[name],)

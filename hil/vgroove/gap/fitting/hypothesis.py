@@ -36,6 +36,7 @@ class Coordinate:
     # origin * exp(factor * x)
     role: str = "plain"
     physical: str = ""  # bounds that are limits of physics: "low", "high", "both" (0 always is one)
+    local: bool = False  # rows of one place alone show it: every fold keeps the value of all rows
 
     def ends_at_search_bound(self, x: float) -> bool:
         """Whether a value lies at a bound that only limits the search."""
@@ -74,6 +75,11 @@ class Hypothesis:
     def high(self) -> np.ndarray:
         """Upper bounds (p,)."""
         return np.array([c.high for c in self.coordinates])
+
+    @property
+    def local(self) -> np.ndarray:
+        """Whether rows of one place alone show each coordinate (p,)."""
+        return np.array([c.local for c in self.coordinates], bool)
 
     @property
     def prior(self) -> np.ndarray:

@@ -30,18 +30,23 @@ def newton_steps(groups: FoldGroups, one: Fit) -> tuple[np.ndarray, np.ndarray]:
     curvature = FOLD_RIDGE_SHARE * total[:, :-1]
     ridge = np.column_stack([curvature, -curvature @ whole])
     by_fold = [
-        _step(one, sums[use].sum(axis=0) + ridge) if leaves_out else whole
+        _step(one, sums[use].sum(axis=0) + ridge, whole) if leaves_out else whole
         for use, leaves_out in zip(groups.trains, groups.leaves_out, strict=True)
     ]
     return whole, np.array(by_fold)
 
 
-def _step(one: Fit, sums: np.ndarray) -> np.ndarray:
-    """Step (p,) from J'WJ and J'Wr side by side (p, p + 1) and the priors."""
+def _step(one: Fit, sums: np.ndarray, whole: np.ndarray | None = None) -> np.ndarray:
+    """Step (p,) from J'WJ and J'Wr side by side (p, p + 1) and the priors; whole: the step (p,) of
+    all rows, which the local numbers of a fold take.
+    """
     h, p = one.hypothesis, len(one.x)
     normal = sums[:, :p] + np.diag(h.prior)
     gradient = sums[:, p] + h.prior * one.x
-    return bounded_step(normal, gradient, h.low - one.x, h.high - one.x)
+    low, high = h.low - one.x, h.high - one.x
+    if whole is not None:
+        low, high = np.where(h.local, whole, low), np.where(h.local, whole, high)
+    return bounded_step(normal, gradient, low, high)
 
 
 def predict_first_order(

@@ -14,7 +14,8 @@ from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.extension import AddedEffect, differentiate_added
-from vgroove.gap.selection.model_comparison import clipped_squares
+from vgroove.gap.selection.model_comparison import MIN_POWER, clipped_squares
+from vgroove.gap.selection.retuned_again import may_retune_again, retune_again
 from vgroove.gap.selection.search_state import COMPARISON, Search, key, reblock, rescale
 
 
@@ -35,6 +36,15 @@ class StartLimits:
     min_squared_gap: float = 1.1
     ripple_sizes: tuple[float, ...] = (3.0, 8.0)  # amplitudes that are screened, in typical sizes
     ripple_phases: int = 8  # phases that are screened, evenly over a turn
+    # leading numbers that are screened on a hammering tool far from the noise, in plausible sizes;
+    # and a plausible size, in typical ones, where the catalogue states none
+    large_sizes: tuple[float, ...] = (0.3, 1.0, 3.0)
+    large_in_sizes: float = 10.0
+    parts: int = 16  # of the range in which an effect that acts in a region is placed
+    regions: int = 16  # regions that close most to first order, evaluated without a fit
+    region_sizes: tuple[float, ...] = (1.0, 1.7)  # each at these multiples of its best size
+    on_line: int = 31  # sizes on a fine grid up to the largest of these, both ways
+    kept_on_line: int = 2  # of these, as starts of fits
     tiny_ripple: float = 1e-3  # amplitude at which a ripple's slopes are taken, in typical sizes
     max_widenings: int = 2  # of the bounds of the search at which a fit ends
     # gain that a periodic effect must have with aligned angles: squared sigmas, and ratio to the
@@ -56,19 +66,45 @@ def fit_single_effects(search: Search) -> Search:
     """
     search.progress("each effect alone")
     search, ripples = ripple_starts(search)
+    if may_retune_again(search):
+        fit_from_retuned(search, ripples, STARTS.brief_rounds)
+        retuned, search = search.retuned, retune_again(search)
+        if search.retuned is not retuned and search.leaves_gap(search.retuned):
+            fit_from_retuned(search, ripples, COMPARISON.max_rounds)
+        else:
+            finish_fits(search)
+    else:
+        fit_from_retuned(search, ripples, COMPARISON.max_rounds)
+    refit_at_wider_bounds(search)
+    fit_along_lines(search)
+    search = align_to_best_single(search)
+    for effect in search.effects:
+        starts = search.engine.hypotheses([effect])
+        many = len(starts) > STARTS.max_unscreened and not effect.has_phase
+        if many or starts[0].local.any():
+            search.engine.remember(search.fits[(effect.id,)])
+    return reblock(rescale(search))
+
+
+def fit_from_retuned(search: Search, ripples: RippleStarts, rounds: int) -> None:
+    """Fit every effect alone, the nuisance parameters started at their retuned values, in at most
+    so many rounds after the brief fits, and those near the best to convergence.
+    """
     nuisance = search.retuned.x
     starts = [
         screened(search, ripples.get((e.id,)) or search.engine.hypotheses([e], nuisance))
         for e in search.effects
     ]
-    search.fit_and_keep(best_brief_starts(search, starts), COMPARISON.max_rounds)
-    refit_at_wider_bounds(search)
-    search = align_to_best_single(search)
-    for effect in search.effects:
-        many = len(search.engine.hypotheses([effect])) > STARTS.max_unscreened
-        if many and not effect.has_phase:
-            search.engine.remember(search.fits[(effect.id,)])
-    return reblock(rescale(search))
+    search.fit_and_keep(best_brief_starts(search, starts), rounds)
+
+
+def finish_fits(search: Search) -> None:
+    """Fit the effects to convergence that are not yet, from where their fits ended."""
+    singles = [search.fits[(e.id,)] for e in search.effects]
+    rest = [one for one in singles if one.improving and not one.exact]
+    search.engine.continue_fits(rest, range(STARTS.brief_rounds, COMPARISON.max_rounds))
+    near = {id(one) for one in search.near_best(singles)}
+    predict_held_out(search.engine, [one for one in rest if id(one) in near])
 
 
 def refit_at_wider_bounds(search: Search) -> None:
@@ -254,6 +290,10 @@ def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     A fit converges to a resonance, a play or a large ripple only from a start near it.
     """
     small_gap = search.score(search.retuned) < STARTS.min_squared_gap
+    if starts[0].local.any():
+        return regions(search, starts[0])
+    if search.problem.sigma_is_bound and search.is_far_from_noise(search.retuned):
+        starts = starts + large_sizes(search, starts)
     if any(c.role == "cosine" for c in starts[0].coordinates):
         hammers = search.problem.rig.mechanism["kind"] == "impact"  # no ripple stops its shaft
         if small_gap or hammers:
@@ -270,6 +310,87 @@ def least_costly(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     train, clip = search.engine.train, COMPARISON.clip_sigma
     cost = [float(clipped_squares(row[train], clip).sum()) for (row,) in shown]
     return [starts[k] for k in np.argsort(cost, kind="stable")[: STARTS.screened]]
+
+
+def large_sizes(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
+    """Of an effect of a hammering tool further starts, of each form that which fits best over a few
+    sizes up to large ones: along a motion with impacts the response to a large size is no multiple
+    of that to a small one.
+    """
+    sizes = np.outer([1.0, -1.0], STARTS.large_sizes).ravel()
+    found = []
+    for h in {h.fixed: h for h in starts}.values():
+        (best, cost), *_ = sized_starts(search, h, sizes) or [(h, np.inf)]
+        if cost < np.log1p(search.retuned.residual**2).sum():
+            found.append(best)
+    return found
+
+
+def fit_along_lines(search: Search) -> None:
+    """Fit the effects of a hammering tool's mechanism and joint from the best sizes on a fine grid
+    where no single effect comes near the noise: they lead from one limit cycle to another one, and
+    each of these is a minimum of its own.
+    """
+    singles = search.ranked(1)
+    if not search.problem.sigma_is_bound or not singles:
+        return
+    if not search.is_far_from_noise(singles[0]):
+        return
+    sizes, starts = np.linspace(-1.0, 1.0, STARTS.on_line) * STARTS.large_sizes[-1], []
+    for effect in (e for e in search.effects if e.subsystem in ("mechanism", "load")):
+        h = near_start(search, search.fits[(effect.id,)])
+        starts += [one for one, _ in sized_starts(search, h, sizes)[: STARTS.kept_on_line]]
+    search.fit_and_keep(starts, COMPARISON.max_rounds)
+
+
+def sized_starts(
+    search: Search, h: Hypothesis, sizes: np.ndarray
+) -> list[tuple[Hypothesis, float]]:
+    """A start with other values of its leading number (k,), in plausible sizes, best first, each
+    with its sum of Cauchy's losses; empty for an effect without a size of 0.
+    """
+    effect, scales = BY_ID[h.ids[0]], search.engine.scales
+    if effect.has_phase or effect.leading.neutral != 0.0:
+        return []
+    unit, plausible = h.coordinates[0].factors[0], effect.leading.plausible
+    scale = plausible(scales) / unit if plausible else STARTS.large_in_sizes
+    values = np.unique(np.clip(scale * sizes, h.low[0], h.high[0]))
+    points = np.tile(h.start, (len(values), 1))
+    points[:, 0] = values
+    (rows,) = search.engine.residuals_of_jobs([(h, points)])
+    costs = np.array([np.log1p(row**2).sum() for row in rows])
+    return [(replace(h, start=points[k]), costs[k]) for k in np.argsort(costs, kind="stable")]
+
+
+def regions(search: Search, h: Hypothesis) -> list[Hypothesis]:
+    """Starts of an effect that acts in a region of the log between two local numbers: of the
+    regions that close most to first order those of least cost, at about their best sizes.
+
+    The effect is simulated in each of STARTS.parts parts of the whole range; the response to a
+    region is the sum of those to its parts, and least squares give its size (variable projection:
+    G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
+    """
+    begin, end = np.flatnonzero(h.local)
+    edges = np.linspace(h.start[begin], h.start[end], STARTS.parts + 1)
+    points = np.tile(h.start, (STARTS.parts, 1))
+    points[:, begin], points[:, end] = edges[:-1], edges[1:]
+    (rows,) = search.engine.residuals_of_jobs([(h, points)])
+    train, base = search.engine.train, search.retuned.residual
+    change = np.cumsum([np.zeros(train.sum()), *(np.array(rows) - base)[:, train]], axis=0)
+    found = []
+    for first in range(STARTS.parts):
+        for last in range(first + 1, STARTS.parts + 1):
+            response = change[last] - change[first]
+            along, power = float(response @ base[train]), float(response @ response)
+            size = max(-along, 0.0) / max(power, MIN_POWER)
+            found.append((size * along, size, edges[first], edges[last]))
+    starts = []
+    for _, size, at, to in sorted(found)[: STARTS.regions]:
+        for factor in STARTS.region_sizes:
+            start = h.start.copy()
+            start[0], start[begin], start[end] = factor * size * h.start[0], at, to
+            starts.append(replace(h, start=np.clip(start, h.low, h.high)))
+    return least_costly(search, starts)
 
 
 def large_ripples(h: Hypothesis) -> list[Hypothesis]:

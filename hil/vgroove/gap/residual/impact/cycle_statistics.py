@@ -150,7 +150,7 @@ class CycleReader:
         infinite for what describes a cycle in windows without one.
         """
         noise = np.array(list(self.noise.values()))[:, None]
-        least = self._variances(fit, np.broadcast_to(noise**2, fit.scatter.shape))
+        least = self.noise_variances(fit)
         left = self._variances(fit, np.maximum(fit.scatter, noise) ** 2)
         values = self.statistics(fit, False)[0]
         ratio = scatter_between_windows(values) / np.median(left, axis=0)
@@ -161,6 +161,11 @@ class CycleReader:
         of_cycle = np.array([part.kind not in (LEVEL, RISE) for part in self.parts])
         found[np.ix_(~self.windows.periodic, of_cycle)] = np.inf
         return found
+
+    def noise_variances(self, fit: HarmonicFit) -> np.ndarray:
+        """Variances (W, K) of a log's statistics that white noise of the columns gives."""
+        noise = np.array(list(self.noise.values()))[:, None]
+        return self._variances(fit, np.broadcast_to(noise**2, fit.scatter.shape))
 
     def _variances(self, fit: HarmonicFit, power: np.ndarray) -> np.ndarray:
         """Variances (W, K) for white noise of power (S, W) in the columns."""

@@ -8,9 +8,11 @@ parameters of the model, unlike a single reading, whose edges jump over the rows
 """
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from vgroove.units import TURN_RAD
 
+FINE = 8  # points of an interval between rows at which edges are looked for
 MIN_ROWS_OF_PERIOD = 0.05  # shortest edge period, in row intervals: keeps differences exact
 
 
@@ -30,6 +32,39 @@ def mean_hall_speed(
     once, twice = (_at(integral, angle - angle[:, :1], rows - k * shift, row_s) for k in (1.0, 2.0))
     reading = (now - 2.0 * once + twice) / (shift * row_s) ** 2
     return np.where(period > timeout_s, 0.0, reading)
+
+
+def edge_speed(
+    angle: np.ndarray, speed: np.ndarray, row_s: float, pulses: int, timeout_s: float
+) -> np.ndarray:
+    """Readings (B, rows) in rad/s whose mean mean_hall_speed() states, for edges at multiples of
+    the pitch: what a sensor logs, with the error by the age of its last edge.
+    """
+    return np.stack(
+        [_edge_speed(*one, row_s, pulses, timeout_s) for one in zip(angle, speed, strict=True)]
+    )
+
+
+def _edge_speed(
+    angle: np.ndarray, speed: np.ndarray, row_s: float, pulses: int, timeout_s: float
+) -> np.ndarray:
+    """The readings (rows,) of one motion; a shaft that swings back repeats no edge."""
+    if not np.isfinite(angle).all():
+        return np.full(len(angle), np.nan)
+    pitch, time_s = TURN_RAD / pulses, row_s * np.arange(len(angle))
+    fine_s = row_s / FINE * np.arange(FINE * (len(angle) - 1) + 1)
+    forwards = np.sign(angle[-1] - angle[0])
+    path = forwards * CubicHermiteSpline(time_s, angle, speed)(fine_s)
+    turned = np.maximum.accumulate(path) / pitch
+    numbers = np.arange(np.floor(turned[0]) + 1.0, np.floor(turned[-1]) + 1.0)
+    edges = np.interp(numbers, turned, fine_s)
+    if len(edges) < 2:
+        return np.zeros(len(angle))
+    latest = np.searchsorted(edges, time_s, side="right") - 1
+    period = np.diff(edges)[np.maximum(latest - 1, 0)]
+    age = time_s - edges[np.maximum(latest, 0)]
+    shown = np.maximum(np.maximum(period, age), MIN_ROWS_OF_PERIOD * row_s)
+    return np.where((latest < 1) | (shown > timeout_s), 0.0, forwards * pitch / shown)
 
 
 def _integral(angle: np.ndarray, speed: np.ndarray, row_s: float) -> np.ndarray:

@@ -3,7 +3,7 @@ their measured statistics with standard deviations.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -33,7 +33,7 @@ from vgroove.gap.residual.impact.cycle_statistics import (
 from vgroove.gap.residual.impact.cycle_windows import RULES, CycleWindows, cut_windows
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.run_up import RunUp, run_up_spans
-from vgroove.gap.residual.inputs import read_input
+from vgroove.gap.residual.inputs import DrivingColumns, read_input
 from vgroove.rig import Rig
 
 PLACES = ("first third of the run", "second third of the run", "last third of the run")
@@ -44,6 +44,23 @@ NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
+class StartSearch:
+    """How the start angle of the hammer is found for a parameter set: contact_row, the row at which
+    the hammer of the rig's model first meets the anvil; the input of the plant until then; weights
+    (m,) of the judged statistics of the run-up among the trials, and (K, m) as the step beside the
+    best of them is halved K times.
+    """
+
+    contact_row: float
+    until_contact: DrivingColumns
+    of_trials: np.ndarray
+    of_halves: np.ndarray
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclass(frozen=True)
 class ImpactRun:
     """One log prepared for the comparison of statistics; immutable.
 
@@ -51,14 +68,14 @@ class ImpactRun:
     the rig states the start angle of the hammer); reader: of the cycle's statistics; run_up: spans
     before the cycle has settled; measured, sigma (n,): the log's statistics, part by part, and
     their standard deviations, infinite for those that are not judged; nuisance: how the judged ones
-    respond to what no log tells; search_weights (K, m): of the judged statistics of the run-up in
-    the steps of the search for the start angle of the hammer; pulses: edges a turn of a Hall sensor
-    (0: the speed is not made from edges); timeout_s: after which it reads 0.
+    respond to what no log tells; search: of the start angle of the hammer (None: no run-up);
+    pulses: edges a turn of a Hall sensor (0: the speed is not made from edges); timeout_s: after
+    which it reads 0.
     """
 
     log: Any
     drive: _core.LogInput
-    early: _core.LogInput | None
+    early: DrivingColumns | None
     reader: CycleReader
     run_up: RunUp
     measured: np.ndarray
@@ -68,7 +85,7 @@ class ImpactRun:
     timeout_s: float
     warnings: tuple[str, ...]
     nuisance: NuisanceDirections | None = None
-    search_weights: np.ndarray = field(default_factory=lambda: NONE)
+    search: StartSearch | None = None
     edge_scale: float = 1.0  # of the edge speeds against the time stamps; not estimated here
 
     def __post_init__(self) -> None:
@@ -149,7 +166,7 @@ def prepare_impact_run(log: Any, rig: Rig) -> ImpactRun:
     run = ImpactRun(
         clean.log,
         drive.plant(),
-        drive.first_rows(run_up.end_row).plant() if run_up.end_row else None,
+        drive.first_rows(run_up.end_row) if run_up.end_row else None,
         reader,
         run_up,
         NONE,
@@ -180,6 +197,16 @@ def own_sigma(run: ImpactRun, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     variance[replaced] = np.inf
     spans = run_up.sigma(run_up.means(columns)[0], reader.noise)
     return np.concatenate([np.sqrt(variance).T.ravel(), spans.ravel()])
+
+
+def white_sigma(run: ImpactRun) -> np.ndarray:
+    """Standard deviations (n,) that white noise of the columns causes in a log's statistics, 1 in
+    those of the run-up.
+    """
+    columns = {n: interpolate_missing(run.log.time_s, run.log.columns[n]) for n in run.reader.noise}
+    fit = run.reader.fit({name: np.asarray(c, float)[None] for name, c in columns.items()})
+    cycles = np.sqrt(run.reader.noise_variances(fit)).T.ravel()
+    return np.concatenate([cycles, np.ones(len(run.part) - len(cycles))])
 
 
 def judged_columns(log: CleanLog) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ from vgroove import _core
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.impact.hall_reading import mean_hall_speed
 from vgroove.gap.residual.impact.impact_run import ImpactRun
+from vgroove.gap.residual.inputs import DrivingColumns
 from vgroove.units import RPM_PER_RAD_S
 
 PARAMETERS = list(_core.PARAMETERS)
@@ -49,16 +50,17 @@ def clipped_cost(run: ImpactRun, statistics: np.ndarray) -> np.ndarray:
 
 
 def simulate(
-    run: ImpactRun, theta: np.ndarray, early: _core.LogInput | None = None
+    run: ImpactRun, theta: np.ndarray, early: DrivingColumns | None = None
 ) -> dict[str, np.ndarray]:
-    """Simulated columns (B, rows) of a log, or of its run-up `early` alone, for parameter sets
+    """Simulated columns (B, rows) of a log, or of its first rows `early` alone, for parameter sets
     (B, P), of which some may be impossible: these give nan.
     """
     try:
-        return _core.simulate_impact(early or run.drive, theta, mode=MODE)
+        drive = run.drive if early is None else early.plant()
+        return _core.simulate_impact(drive, theta, mode=MODE)
     except (RuntimeError, ValueError):
         if len(theta) == 1:
-            rows = run.run_up.end_row if early else len(run.log.time_s)
+            rows = len(run.log.time_s if early is None else early.time_s)
             return {name: np.full((1, rows), np.nan) for name in COLUMNS}
     half = len(theta) // 2
     parts = [simulate(run, theta[:half], early), simulate(run, theta[half:], early)]

@@ -3,6 +3,7 @@ varies along the joint, which no log tells. Windows that meet the same place mee
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,22 +17,55 @@ SLIP_TORQUE = "effects.thread_friction.relative"
 # which its correlation falls to 1/e: wood and lubricated threads vary by a few per cent within a
 # part of a turn (estimates)
 ROUGHNESS, LENGTH_RAD = 0.03, 0.5
+# Larger and smaller slip torque of which responses are taken, in standard deviations: with the
+# plain one the points of Gauss-Hermite quadrature of order 3, whose weights are 1/6, 2/3, 1/6
+NODE, NODE_WEIGHT = np.sqrt(3.0), 1.0 / 6.0
 PLACES = 5  # of a window or span at which the roughness acts
 
 
-def roughness_responses(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
-    """Responses (n, m) of the statistics to one standard deviation of each of m independent parts
-    of the roughness, for parameters (P,).
+@dataclass(frozen=True)
+class RoughnessResponse:
+    """How statistics respond to one standard deviation of each of m independent parts of the
+    roughness (n, m), and what is not proportional to it (n,): where hammering begins, or a lug is
+    skipped, at one torque and not at another one, no direction describes the change.
+    """
+
+    directions: np.ndarray
+    curvature: np.ndarray
+
+
+def roughness_responses(run: ImpactRun, theta: np.ndarray) -> RoughnessResponse:
+    """The responses for parameter sets (B, P), by statistical linearisation (S. Sarkka, Bayesian
+    Filtering and Smoothing, 2013, chapter 5): the directions are those of the first one, the
+    curvature is the RMS over all.
 
     A statistic responds to the mean of the roughness over its window as to a slip torque that is
     larger throughout. What varies within the window moves a rise, and moves the slope of an angle
     (the period, the speed of the anvil) against the mean: it weights the window's middle.
     """
-    both = np.stack([theta, theta])
-    both[1, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
-    rows = simulate(run, both)
-    plain, more = run.read(model_columns(run, rows), True)
-    change = np.nan_to_num(more - plain)
+    rougher = np.repeat(theta, 3, axis=0)
+    nodes = ROUGHNESS * NODE * np.array([0.0, 1.0, -1.0])
+    rougher[:, PARAMETERS.index(SLIP_TORQUE)] = np.tile(nodes, len(theta))
+    rows = simulate(run, rougher)
+    statistics = np.nan_to_num(run.read(model_columns(run, rows), True))
+    change, curvature = linearised(statistics.reshape(len(theta), 3, -1))
+    return RoughnessResponse(_directions(run, rows, change), curvature)
+
+
+def linearised(at_nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change (n,) by one standard deviation of the slip torque of the first tool, and RMS (n,) of
+    what is not proportional to the slip torque over all tools, from the values (tools, 3, n) at the
+    plain slip torque, at a larger and at a smaller one.
+    """
+    plain, more, less = np.moveaxis(at_nodes, 1, 0)
+    power = 2.0 * NODE_WEIGHT * (0.5 * (more + less) - plain) ** 2
+    return 0.5 * (more[0] - less[0]) / NODE, np.sqrt(power.mean(axis=0))
+
+
+def _directions(run: ImpactRun, rows: dict[str, np.ndarray], change: np.ndarray) -> np.ndarray:
+    """Responses (n, m) to the independent parts, from the simulated columns (B, rows) and the
+    change (n,) by a slip torque that is larger throughout.
+    """
     at = _places(run)
     angle = np.nan_to_num(rows["anvil_angle_rad"][0])[at].ravel()
     apart = np.abs(angle[:, None] - angle)

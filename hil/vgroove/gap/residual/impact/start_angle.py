@@ -10,13 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
-from vgroove.gap.residual.impact.impact_run import ImpactRun
+from vgroove.gap.residual.impact.impact_run import ImpactRun, StartSearch
 from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
     clipped_cost,
     run_up_residuals,
+    simulate,
     simulate_statistics,
 )
+from vgroove.gap.residual.inputs import DrivingColumns
 from vgroove.units import TURN_RAD
 
 
@@ -30,12 +32,16 @@ class StartRules:
     spread: tuple[int, ...] = (8, 40, 72)
     # RMS difference between the starts, in standard deviations, up to which it does not
     max_spread: float = 1.0
-    # for each parameter set: over the same angle, and how often the step beside the best is halved
+    # for each parameter set: over the same angle, where one of those beside the predicted angle is
+    # better than this one
     first: int = 12
-    halved: int = 3
+    halved: int = 3  # how often the step beside the best is halved
     rounds: int = 2  # Gauss-Newton steps from the best of these
     difference_rad: float = 1e-3  # between the two angles that give a slope
     for_curvature: int = 7  # angles from which the curvature within a step is taken
+    # distance from the best angle within which the curvature widens standard deviations, as a share
+    # of the free angle; the steps end far closer
+    of_sigma: int = 96
 
 
 STARTS = StartRules()
@@ -48,7 +54,7 @@ START, LUGS, OVERLAP = (
     "mechanism.lug_count",
     "mechanism.lug_overlap_rad",
 )
-COLUMN = PARAMETERS.index(START)
+COLUMN, RATIO = PARAMETERS.index(START), PARAMETERS.index("gearbox.ratio")
 
 
 def start_angles(theta0: np.ndarray, count: int = STARTS.tried) -> np.ndarray:
@@ -86,22 +92,57 @@ def closest_start(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> f
 
 def with_start_curvature(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
     """The run whose run-up allows for its curvature near the start angle of a parameter set (P,):
-    later blows depend on the angle ever more steeply. The standard deviations contain it within the
-    last step of the search, from which Gauss-Newton steps start; the weights of the search, within
-    each of its steps.
+    later blows depend on the angle ever more steeply. The standard deviations contain it near the
+    angle; the weights of the search, within the distance of its trials and from the best of them.
     """
     if run.early is None:
         return run
-    steps = search_steps(theta)
-    run = with_deviations(run, _curvature(run, theta, steps[-1]))
-    kept = run.is_run_up & run.judged
+    free = free_angle(theta)
+    run = with_deviations(run, _curvature(run, theta, free / STARTS.of_sigma))
+    kept, steps = (
+        run.is_run_up & run.judged,
+        free / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1),
+    )
     ratio = [_curvature(run, theta, step)[kept] / run.sigma[kept] for step in steps]
-    return replace(run, search_weights=1.0 / np.hypot(1.0, ratio))
+    weights = 1.0 / np.hypot(1.0, ratio)
+    row = _contact_row(run, theta)
+    until = run.early.first_rows(min(int(row) + 2, len(run.early.time_s)))
+    search = StartSearch(row, until, weights[0], weights[1:])
+    return replace(run, search=search)
 
 
-def search_steps(theta: np.ndarray) -> np.ndarray:
-    """Steps (K,) in rad of the search for the start angle of parameters (P,)."""
-    return free_angle(theta) / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1)
+def _contact_row(run: ImpactRun, theta: np.ndarray) -> float:
+    """Row, between two rows, at which the hammer of a parameter set (P,) first meets the anvil: up
+    to there it turns with the spindle by the angle to the lug ahead.
+    """
+    turned = _spindle_angle(run, run.early, theta[None])[0]
+    ahead = -theta[COLUMN] if turned[-1] >= 0.0 else free_angle(theta) + theta[COLUMN]
+    reached = np.abs(turned) >= ahead
+    row = int(np.argmax(reached)) if reached.any() else len(turned) - 1
+    if row == 0:
+        return 0.0
+    before, after = np.abs(turned[row - 1 : row + 1])
+    return row - 1.0 + float(np.clip((ahead - before) / max(after - before, 1e-12), 0.0, 1.0))
+
+
+def _spindle_angle(run: ImpactRun, drive: DrivingColumns, theta: np.ndarray) -> np.ndarray:
+    """Angle (B, rows) in rad of the spindle of parameter sets (B, P) along the first rows of a log,
+    each from the start angle at which the hammer is farthest from the lug ahead.
+    """
+    forwards = np.sum(np.sign(drive.command)) >= 0.0
+    farthest = with_starts(theta, -free_angle(theta[0]) if forwards else 0.0)
+    return simulate(run, farthest, drive)["angle_rad"] / theta[:, [RATIO]]
+
+
+def predicted_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
+    """Start angles (B,) in rad from which the hammers of parameter sets (B, P) meet the anvil at
+    the same time as that of the rig's model from its best angle.
+    """
+    turned = np.nan_to_num(_spindle_angle(run, run.search.until_contact, theta))
+    free, row = free_angle(theta[0]), turned.shape[1] - 2
+    share = run.search.contact_row - row
+    at = (1.0 - share) * turned[:, row] + share * turned[:, row + 1]
+    return np.clip(np.where(turned[:, -1] >= 0.0, -at, -free - at), -free, 0.0)
 
 
 def _curvature(run: ImpactRun, theta: np.ndarray, near_rad: float) -> np.ndarray:
@@ -128,21 +169,38 @@ def with_deviations(run: ImpactRun, deviation: np.ndarray) -> ImpactRun:
 
 def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     """Start angles (B,) in rad from which parameter sets (B, P) follow the run-up best."""
-    limit, steps = free_angle(theta[0]), search_steps(theta[0])
-    first = np.tile(start_angles(theta[0], STARTS.first), (len(theta), 1))
-    found = _Starts(first, _residuals_from(run, theta, first)).best(run.search_weights[0])
-    for step, weight in zip(steps[1:], run.search_weights[1:], strict=True):
-        beside = np.clip(found.start_rad + np.array([-step, step]), -limit, 0.0)
-        tried = _Starts(beside, _residuals_from(run, theta, beside))
-        found = found.joined(tried).best(weight)
-    start, at = found.start_rad, found.residual
-    for round_ in range(STARTS.rounds):
-        if round_ > 0:
-            at = _residuals_from(run, theta, start)
-        moved = _residuals_from(run, theta, start + STARTS.difference_rad)
-        change = np.clip(_step(at[:, 0], moved[:, 0]), -steps[-1], steps[-1])
-        start = np.clip(start + change[:, None], -limit, 0.0)
-    return start[:, 0]
+    limit, weight = free_angle(theta[0]), run.search.of_trials
+    step = limit / STARTS.first
+    beside = predicted_starts(run, theta)[:, None] + step * np.array([-1.0, 0.0, 1.0])
+    tried = np.clip(beside, -limit, 0.0)
+    found = _Starts(tried, _residuals_from(run, theta, tried)).best(weight)
+    elsewhere = found.start_rad[:, 0] != tried[:, 1]
+    if elsewhere.any():
+        everywhere = np.tile(start_angles(theta[0], STARTS.first), (int(elsewhere.sum()), 1))
+        more = _Starts(everywhere, _residuals_from(run, theta[elsewhere], everywhere))
+        found = found.replaced(elsewhere, found.of(elsewhere).joined(more).best(weight))
+    for weight in run.search.of_halves:
+        step *= 0.5
+        between = np.clip(found.start_rad + np.array([-step, step]), -limit, 0.0)
+        found = found.joined(_Starts(between, _residuals_from(run, theta, between))).best(weight)
+    return _nearest_minimum(run, theta, found, step)
+
+
+def _nearest_minimum(
+    run: ImpactRun, theta: np.ndarray, found: "_Starts", longest_rad: float
+) -> np.ndarray:
+    """Start angles (B,) in rad after Gauss-Newton steps of parameter sets (B, P) from angles
+    (B, 1): the best angle met.
+    """
+    start, at = found.start_rad, found.residual[:, 0]
+    for _ in range(STARTS.rounds):
+        moved = _residuals_from(run, theta, start + STARTS.difference_rad)[:, 0]
+        slope = (np.nan_to_num(moved) - np.nan_to_num(at)) / STARTS.difference_rad
+        change = np.clip(_step(np.nan_to_num(at), slope), -longest_rad, longest_rad)
+        start = np.clip(start + change[:, None], -free_angle(theta[0]), 0.0)
+        met = _Starts(start, _residuals_from(run, theta, start))
+        at, found = met.residual[:, 0], found.joined(met)
+    return found.least(_huber(found.residual)).start_rad[:, 0]
 
 
 @dataclass(frozen=True)
@@ -153,6 +211,16 @@ class _Starts:
 
     start_rad: np.ndarray
     residual: np.ndarray
+
+    def of(self, sets: np.ndarray) -> "_Starts":
+        """Those of some of the sets (B,)."""
+        return _Starts(self.start_rad[sets], self.residual[sets])
+
+    def replaced(self, sets: np.ndarray, other: "_Starts") -> "_Starts":
+        """With those of some of the sets (B,) replaced."""
+        start, residual = self.start_rad.copy(), self.residual.copy()
+        start[sets], residual[sets] = other.start_rad, other.residual
+        return _Starts(start, residual)
 
     def joined(self, other: "_Starts") -> "_Starts":
         """The angles of both."""
@@ -165,7 +233,11 @@ class _Starts:
         """Of each parameter set the angle (B, 1) that follows the run-up best, under weights (m,)
         of the residuals.
         """
-        at = np.argmin(_misfit(self.residual * weight), axis=1)[:, None]
+        return self.least(_misfit(self.residual * weight))
+
+    def least(self, cost: np.ndarray) -> "_Starts":
+        """Of each parameter set the angle (B, 1) of the least cost (B, K)."""
+        at = np.argmin(cost, axis=1)[:, None]
         return _Starts(
             np.take_along_axis(self.start_rad, at, axis=1),
             np.take_along_axis(self.residual, at[..., None], axis=1),
@@ -180,12 +252,10 @@ def _residuals_from(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) ->
     return run_up_residuals(run, tried).reshape(*start_rad.shape, -1)
 
 
-def _step(at: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Gauss-Newton step (B,) in rad of the start angles under Huber's loss. at, moved: residuals
-    (B, m) from the present angles, and from angles that are greater by STARTS.difference_rad.
+def _step(at: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Gauss-Newton step (B,) in rad of the start angles under Huber's loss, from residuals and
+    their slopes per rad (B, m).
     """
-    at = np.nan_to_num(at)
-    slope = (np.nan_to_num(moved) - at) / STARTS.difference_rad
     weight = 1.0 / np.maximum(np.abs(at) / HUBER_SIGMAS, 1.0)
     power = np.maximum((weight * slope**2).sum(axis=1), np.finfo(float).tiny)
     return -(weight * slope * at).sum(axis=1) / power
@@ -196,6 +266,13 @@ def _misfit(residual: np.ndarray) -> np.ndarray:
     infinite where the plant cannot simulate.
     """
     return np.nan_to_num(np.abs(residual), nan=np.inf).sum(axis=-1)
+
+
+def _huber(residual: np.ndarray) -> np.ndarray:
+    """Huber's loss (...) of residuals (..., m); infinite where the plant cannot simulate."""
+    size = np.nan_to_num(np.abs(residual), nan=np.inf)
+    square = np.minimum(size, HUBER_SIGMAS) ** 2
+    return (square + 2.0 * HUBER_SIGMAS * np.maximum(size - HUBER_SIGMAS, 0.0)).sum(axis=-1)
 
 
 def other_starts(run: ImpactRun, start_rad: np.ndarray, statistics: np.ndarray) -> np.ndarray:
