@@ -128,4 +128,5 @@ def test_the_start_angle_of_a_set_near_the_rig_takes_few_simulations(
     found = start_angle.profiled_starts(problem.runs[0], plant)
     predicted = start_angle.predicted_starts(problem.runs[0], plant)
     assert found == pytest.approx(predicted, abs=0.05)
-    assert sum(counted) <= 13 * len(plant)
+    rules = start_angle.STARTS
+    assert sum(counted) <= (3 + 2 * rules.halved + 2 * rules.rounds) * len(plant)

@@ -35,7 +35,7 @@ class StartRules:
     # for each parameter set: over the same angle, where one of those beside the predicted angle is
     # better than this one
     first: int = 12
-    halved: int = 3  # how often the step beside the best is halved
+    halved: int = 4  # how often the step beside the best is halved
     rounds: int = 2  # Gauss-Newton steps from the best of these
     difference_rad: float = 1e-3  # between the two angles that give a slope
     for_curvature: int = 7  # angles from which the curvature within a step is taken
