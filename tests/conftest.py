@@ -1,9 +1,11 @@
-"""Settings of all tests: programs that they start receive Ctrl-C, which a shell disables for jobs
-in the background, and SIGHUP, which nohup disables; the tests of a file run on one worker, so that
-its fixtures are made once; tests marked `proof` run with --proof alone.
+"""Settings of all tests: BLAS has one thread in each worker; programs that they start receive
+Ctrl-C, which a shell disables for jobs in the background, and SIGHUP, which nohup disables; the
+tests of a file run on one worker, so that its fixtures are made once; tests marked `proof` run with
+--proof alone.
 """
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -11,6 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+# before numpy is imported: threads of BLAS beside those of the other workers only wait
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -42,6 +42,9 @@ def whitening_of(series: tuple[np.ndarray, ...], residual: np.ndarray) -> Whiten
 def prediction_error_filter(value: np.ndarray) -> np.ndarray:
     """Taps (1 + order,), of power 1, of the prediction error filter of a series (m,), by the
     recursion of Levinson and Durbin; the order is that of the least criterion of Schwarz.
+
+    The ends of a series disturb its autocovariances: of one whose innovations are a thousandth of
+    its power they leave a correlation of about 0.1 between neighbouring rows.
     """
     count = len(value)
     best = taps = np.ones(1)
