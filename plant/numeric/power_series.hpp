@@ -105,8 +105,8 @@ VGROOVE_INLINE double rough_inverse_root(double x, unsigned n) {
     return from_bits<double>(ONE + ONE / n - bits_of(x) / n);
 }
 
-// x^(-1/5) within 2e-4, with the same bits on every machine: a guess from the exponent, then two
-// Newton steps
+// x^(-1/5) with a relative error of at most 2e-4, with the same bits on every machine: an estimate
+// from the exponent, then two Newton steps
 inline double fifth_inverse_root(double x) {
     double y = from_bits<double>(0x4CB8E91F5C28F5C2u - bits_of(x) / 5u);
     for (int n = 0; n < 2; ++n) {

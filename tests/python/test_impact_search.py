@@ -32,7 +32,7 @@ def step(duty: float, seconds: float) -> np.ndarray:
 
 
 def fitted(search: Search, name: str) -> float:
-    """Value of a number of an effect in the fit of that effect alone."""
+    """Fitted parameter, named "effect.parameter", of the fit with this effect alone."""
     theta = search.fits[(name.split(".")[0],)].theta(search.problem.theta0)
     return float(theta[PARAMETERS.index(f"effects.{name}")])
 

@@ -243,9 +243,9 @@ TEST(ImpactPlant, FixedStepsHaveBoundedWork) {
     }
 }
 
-// Hammer and anvil at an angle of 20 rad that separate so slowly that a step of the width within
-// which events are located may change both angles by the same rounded amount: the penetration stays
-// exactly 0 unless the step is lengthened.
+// Hammer and anvil at an angle of 20 rad separate slowly. Within 1e-12 s, to which events are
+// located, rounding changes both angles by the same amount: the penetration stays exactly 0 unless
+// the step is longer.
 TEST(ImpactSolver, ReferenceModeLeavesAContactWhosePenetrationIsExactlyZero) {
     using L = AuditLayout;
     const Parameters p = reference_tool();

@@ -50,8 +50,8 @@ TEST(PowerSeries, InverseRoots) {
     }
 }
 
-// q'' = -w^2 q + b + c t from q(0) = 1, q'(0) = v: exact to rounding up to an angle w t of 1, and
-// to the terms left out of the weights beyond
+// Solution of q'' = -w^2 q + b + c t, q(0) = 1, q'(0) = v: exact to rounding for w t up to 1; for
+// larger w t exact to the terms that the series of the weights leaves out
 TEST(Flight, OscillationUnderALinearForceIsExact) {
     const double w = 300.0, square = w * w, v = -40.0, b = 5e4, c = -3e6;
     for (const double angle : {0.0, 1e-6, 0.5, 1.0, 2.0}) {

@@ -1,5 +1,5 @@
-"""Residuals without their correlation in time. What a model lacks on a measured machine lasts for
-many rows, and rows that repeat the same error are no independent evidence.
+"""Prewhitening: removes the correlation in time from residuals. An error of the model lasts for
+many rows, which are therefore not independent evidence.
 
 Each series of residuals is filtered by the prediction error filter of an autoregressive model of
 what the best fit leaves (G. E. P. Box and G. M. Jenkins, Time Series Analysis, 1970). Least squares

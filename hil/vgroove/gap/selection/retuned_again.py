@@ -1,6 +1,6 @@
-"""Fits the tolerated keys of a rig without any effect once more, from the values that they have
-beside single effects: where a motion may settle on several limit cycles, the sum of squares has
-several minima, and a poor one would be credited to an effect.
+"""Repeats the fit of a rig's tolerated keys without effects, started at the values that these keys
+have in fits with one effect. The sum of squares of a hammering tool has a minimum for each limit
+cycle; an effect would otherwise get credit for leading the keys to a better minimum.
 """
 
 from dataclasses import replace
@@ -21,10 +21,10 @@ def may_retune_again(search: Search) -> bool:
 
 
 def retune_again(search: Search) -> Search:
-    """The search whose retuned fit is the best of all starts."""
+    """The search with the best fit of the tolerated keys alone: the known one, or one that starts
+    at the values of the keys in one of the STARTS single effects of least cost.
+    """
     engine, known = search.engine, search.retuned
-    if not may_retune_again(search):
-        return search
     singles = [f for k, f in search.fits.items() if len(k) == 1 and f.cost < known.cost]
     closest = sorted(singles, key=lambda f: (f.cost, f.ids))[:STARTS]
     if not closest:
@@ -40,5 +40,5 @@ def retune_again(search: Search) -> Search:
 
 
 def nuisance(one: Fit) -> np.ndarray:
-    """The fitted nuisance parameters (p,) of a set."""
+    """The fitted values (p,) of the tolerated keys, in the coordinates of the fit."""
     return one.x[one.hypothesis.count :]

@@ -571,9 +571,9 @@ def rescale(search: Search) -> Search:
 
 
 def whitened(search: Search) -> Search:
-    """The search in residuals without the correlation in time of what the best fit leaves, where
-    this is more than the sensors' noise; the search itself elsewhere. Sets near the best are fitted
-    again.
+    """The search on prewhitened residuals: each signal of each log is filtered by the prediction
+    error filter of what the best fit leaves, and sets near the best are fitted again. The search
+    itself where the best fit ends near the sensors' noise, or where residuals are white as loaded.
     """
     if search.problem.is_whitened or np.all(search.engine.discrepancy == 1.0):
         return search

@@ -99,7 +99,9 @@ def fit_from_retuned(search: Search, ripples: RippleStarts, rounds: int) -> None
 
 
 def finish_fits(search: Search) -> None:
-    """Fit the effects to convergence that are not yet, from where their fits ended."""
+    """Continue the brief fits of single effects to convergence, and predict the held-out rows of
+    those near the best.
+    """
     singles = [search.fits[(e.id,)] for e in search.effects]
     rest = [one for one in singles if one.improving and not one.exact]
     search.engine.continue_fits(rest, range(STARTS.brief_rounds, COMPARISON.max_rounds))

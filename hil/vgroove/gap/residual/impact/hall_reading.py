@@ -37,8 +37,9 @@ def mean_hall_speed(
 def edge_speed(
     angle: np.ndarray, speed: np.ndarray, row_s: float, pulses: int, timeout_s: float
 ) -> np.ndarray:
-    """Readings (B, rows) in rad/s whose mean mean_hall_speed() states, for edges at multiples of
-    the pitch: what a sensor logs, with the error by the age of its last edge.
+    """Readings (B, rows) in rad/s of a Hall sensor whose edges lie at multiples of the pitch: pitch
+    over the last edge period, or over the time since the last edge where that is longer.
+    mean_hall_speed() is the mean of such readings over all places of the edges.
     """
     return np.stack(
         [_edge_speed(*one, row_s, pulses, timeout_s) for one in zip(angle, speed, strict=True)]

@@ -45,10 +45,10 @@ NONE = np.zeros(0)
 
 @dataclass(frozen=True)
 class StartSearch:
-    """How the start angle of the hammer is found for a parameter set: contact_row, the row at which
-    the hammer of the rig's model first meets the anvil; the input of the plant until then; weights
-    (m,) of the judged statistics of the run-up among the trials, and (K, m) as the step beside the
-    best of them is halved K times.
+    """What the search for the hammer's start angle needs. contact_row: row, between two rows, at
+    which the hammer of the rig's model first meets the anvil; until_contact: the plant's input up
+    to there. Weights of the judged statistics of the run-up when angles are compared: of_trials
+    (m,) for the first angles, of_halves (K, m) for each of the K halvings of the step.
     """
 
     contact_row: float

@@ -35,9 +35,9 @@ class RoughnessResponse:
 
 
 def roughness_responses(run: ImpactRun, theta: np.ndarray) -> RoughnessResponse:
-    """The responses for parameter sets (B, P), by statistical linearisation (S. Sarkka, Bayesian
-    Filtering and Smoothing, 2013, chapter 5): the directions are those of the first one, the
-    curvature is the RMS over all.
+    """The responses of the statistics to the roughness for parameter sets (B, P), by statistical
+    linearisation (S. Sarkka, Bayesian Filtering and Smoothing, 2013, chapter 5). The directions are
+    those of the first parameter set, the curvature is the RMS over all of them.
 
     A statistic responds to the mean of the roughness over its window as to a slip torque that is
     larger throughout. What varies within the window moves a rise, and moves the slope of an angle

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
+from vgroove.gap.residual.huber import huber_loss, huber_weight
 from vgroove.gap.residual.impact.impact_run import ImpactRun, StartSearch
 from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
@@ -189,8 +190,8 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
 def _nearest_minimum(
     run: ImpactRun, theta: np.ndarray, found: "_Starts", longest_rad: float
 ) -> np.ndarray:
-    """Start angles (B,) in rad after Gauss-Newton steps of parameter sets (B, P) from angles
-    (B, 1): the best angle met.
+    """Start angles (B,) in rad of parameter sets (B, P): of the angles `found` (B, 1) and those
+    after each Gauss-Newton step from there, the one of least Huber loss. longest_rad: largest step.
     """
     start, at = found.start_rad, found.residual[:, 0]
     for _ in range(STARTS.rounds):
@@ -213,11 +214,13 @@ class _Starts:
     residual: np.ndarray
 
     def of(self, sets: np.ndarray) -> "_Starts":
-        """Those of some of the sets (B,)."""
+        """The angles and residuals of the parameter sets marked in `sets` (B,)."""
         return _Starts(self.start_rad[sets], self.residual[sets])
 
     def replaced(self, sets: np.ndarray, other: "_Starts") -> "_Starts":
-        """With those of some of the sets (B,) replaced."""
+        """A copy in which the parameter sets marked in `sets` (B,) have the angles and residuals of
+        `other`.
+        """
         start, residual = self.start_rad.copy(), self.residual.copy()
         start[sets], residual[sets] = other.start_rad, other.residual
         return _Starts(start, residual)
@@ -256,7 +259,7 @@ def _step(at: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Gauss-Newton step (B,) in rad of the start angles under Huber's loss, from residuals and
     their slopes per rad (B, m).
     """
-    weight = 1.0 / np.maximum(np.abs(at) / HUBER_SIGMAS, 1.0)
+    weight = huber_weight(at, HUBER_SIGMAS)
     power = np.maximum((weight * slope**2).sum(axis=1), np.finfo(float).tiny)
     return -(weight * slope * at).sum(axis=1) / power
 
@@ -271,8 +274,7 @@ def _misfit(residual: np.ndarray) -> np.ndarray:
 def _huber(residual: np.ndarray) -> np.ndarray:
     """Huber's loss (...) of residuals (..., m); infinite where the plant cannot simulate."""
     size = np.nan_to_num(np.abs(residual), nan=np.inf)
-    square = np.minimum(size, HUBER_SIGMAS) ** 2
-    return (square + 2.0 * HUBER_SIGMAS * np.maximum(size - HUBER_SIGMAS, 0.0)).sum(axis=-1)
+    return np.apply_along_axis(huber_loss, -1, size, HUBER_SIGMAS)
 
 
 def other_starts(run: ImpactRun, start_rad: np.ndarray, statistics: np.ndarray) -> np.ndarray:

@@ -115,10 +115,13 @@ def with_simulated_scatter(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
 
 
 def with_edge_errors(run: ImpactRun, error: np.ndarray) -> ImpactRun:
-    """The run whose standard deviations of a Hall speed's statistics are at most those of their
-    errors (tools, logs, n) in simulated logs of the tool in which they are largest, in proportion
-    to those of white noise in the windows of the log: neighbouring readings share an edge, so that
-    their errors cancel in the mean and in slow harmonics, less so where edges and blows keep step.
+    """The run with smaller standard deviations of the statistics of a Hall speed, where white noise
+    overstates them: neighbouring readings share an edge, so that their errors cancel in the mean
+    and in slow harmonics.
+
+    error (tools, logs, n): errors of the statistics in simulated logs. Their RMS, in units of the
+    standard deviation by white noise and of the tool in which it is largest, times that standard
+    deviation in the log is the upper bound.
     """
     sigma, white = run.sigma.copy(), white_sigma(run)
     for k, part in enumerate(run.reader.parts):
