@@ -256,6 +256,10 @@ class Toy:
         """Squares, clipped at the clip of each signal."""
         return np.minimum(np.square(r), np.square(self.clip)[self.signal])
 
+    def power_by_regime(self, r: np.ndarray, power: np.ndarray) -> dict[str, float]:
+        """Sums of a power over each regime."""
+        return {n: float(power[self.regime == k].sum()) for k, n in enumerate(self.regimes)}
+
     def gap(self, r: np.ndarray, mask: np.ndarray | None = None) -> float:
         """Clipped RMS."""
         return float(np.sqrt(self.squared(r)[self.judged if mask is None else mask].mean()))

@@ -7,6 +7,8 @@ from types import MethodType, SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gap_toy import SCALES, Toy
 from made_log import MadeLog, drive_log, rig
@@ -18,7 +20,7 @@ from vgroove.gap.fitting.hypothesis import Coordinate
 from vgroove.gap.selection import search_state
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict import consistency, established
-from vgroove.gap.verdict.consistency import LIMITS, PartSizes
+from vgroove.gap.verdict.consistency import LIMITS, Closed, PartSizes
 from vgroove.gap.verdict.covariates import Covariates
 
 ONE_SIDED = {"effects.asymmetric_friction.forward_nm": 0.006}
@@ -54,8 +56,9 @@ def covariates(toy: Toy) -> Covariates:
     return {"speed": np.tile(toy.measured_rows[1], 3), "time since start": toy.time_s}
 
 
-def sizes_of(value: list[float], sigma: list[float]) -> PartSizes:
-    return PartSizes(np.array(value), np.array(sigma))
+def sizes_of(value: list[float], sigma: list[float], power: list[float] | None = None) -> PartSizes:
+    weight = np.ones(len(value)) if power is None else np.array(power)
+    return PartSizes(np.array(value), np.array(sigma), weight)
 
 
 # --- sizes in parts ---
@@ -76,7 +79,7 @@ def sizes_of(value: list[float], sigma: list[float]) -> PartSizes:
 def test_the_scatter_between_parts_is_that_of_dersimonian_and_laird(
     value: list[float], sigma: list[float], mean: float, between: float
 ) -> None:
-    found = sizes_of(value, sigma).scatter()
+    found = sizes_of(value, sigma).scatter_by_information()
     assert found == (pytest.approx(mean, rel=1e-5), pytest.approx(between, rel=1e-5, abs=1e-9))
 
 
@@ -99,8 +102,90 @@ def test_a_size_is_constant_if_its_sign_is_kept_and_its_scatter_is_at_most_half(
 ) -> None:
     found = sizes_of(value, sigma)
     assert found.is_constant() is constant
-    scaled = PartSizes(0.6 * found.value, 0.6 * found.sigma)
+    scaled = PartSizes(0.6 * found.value, 0.6 * found.sigma, found.power)
     assert scaled.is_constant() is constant
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "power", "mean", "between"),
+    [
+        # squares of the deviations 1 and 1, less 0.36
+        ([1.0, 3.0], [0.6, 0.6], [1.0, 1.0], 2.0, 0.8),
+        # mean 16/9; squares of the deviations 49/81, 4/81, 400/81, less 1/4, 1/4, 1: the weighted
+        # mean is (115/81 - 65/81 + 319/81) / 9 = 41/81
+        ([1.0, 2.0, 4.0], [0.5, 0.5, 1.0], [4.0, 4.0, 1.0], 16.0 / 9.0, (41.0 / 81.0) ** 0.5),
+        # less than the standard deviations explain
+        ([0.9, 1.1, 1.0], [0.2, 0.2, 0.2], [1.0, 1.0, 1.0], 1.0, 0.0),
+        # a part in which the effect makes a hundredth of its squared gap: 0.01 * 0.99 * 2^2
+        ([1.0, -1.0], [0.0, 0.0], [99.0, 1.0], 0.98, 0.0396**0.5),
+    ],
+)
+def test_the_scatter_by_power_is_weighted_by_the_gap_that_the_effect_makes(
+    value: list[float], sigma: list[float], power: list[float], mean: float, between: float
+) -> None:
+    found = sizes_of(value, sigma, power).scatter_by_power()
+    assert found == (pytest.approx(mean, rel=1e-9), pytest.approx(between, rel=1e-9, abs=1e-9))
+
+
+@given(st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(0.01, 10.0)), min_size=2, max_size=6))
+def test_cutting_a_part_in_two_changes_no_scatter_by_power(
+    parts: list[tuple[float, float]],
+) -> None:
+    """What counts is the squared gap of the effect, not into how many parts it is cut."""
+    value, power = map(list, zip(*parts, strict=True))
+    whole = sizes_of(value, [0.0] * len(value), power).scatter_by_power()
+    halves = [power[0] / 2.0, *power[1:], power[0] / 2.0]
+    cut = sizes_of([*value, value[0]], [0.0] * len(halves), halves).scatter_by_power()
+    assert cut == pytest.approx(whole, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "power", "constant"),
+    [
+        ([1.0, 3.0], [1.0, 1.0], True),  # scatter 1 of a mean of 2: just at the limit
+        ([0.95, 3.05], [1.0, 1.0], False),
+        ([1.0, -1.0], [1.0, 0.05], True),  # 4.8 % of the gap contradict the sign
+        ([1.0, -1.0], [1.0, 0.055], False),  # 5.2 %
+        ([1.0, 3.0], [1.0, 0.05], True),
+        ([0.45, 0.5], [1.0, 1.0], False),  # not the size in all rows
+    ],
+)
+def test_a_size_is_constant_by_power_if_parts_that_change_make_little_of_the_gap(
+    value: list[float], power: list[float], constant: bool
+) -> None:
+    assert sizes_of(value, [0.01, 0.01], power).is_constant_by_power() is constant
+
+
+@pytest.mark.parametrize(
+    ("pooled", "largest", "blocks", "kept"),
+    [
+        (0.49, 0.5, 1.0, True),
+        (0.49, 0.49, 1.0, False),
+        (0.49, 0.5, 3.5, False),  # blocks count where one signal alone shows the larger part
+        (0.5, 0.5, 3.5, True),
+    ],
+)
+def test_an_effect_that_closes_the_larger_part_may_change_where_it_makes_little_of_the_gap(
+    friction: search_state.Search,
+    monkeypatch: pytest.MonkeyPatch,
+    pooled: float,
+    largest: float,
+    blocks: float,
+    kept: bool,
+) -> None:
+    """One regime of little gap contradicts the sign; blocks: size in half of the blocks, 1 in the
+    others.
+    """
+    best = friction.fits[("coulomb_friction",)]
+    regimes = sizes_of([1.0, -1.0, 1.0], [0.05] * 3, [1.0, 0.01, 1.0])
+    in_blocks = sizes_of([1.0, blocks], [0.05] * 2, [1.0, 1.0])
+
+    def sizes(search: Search, _best: object, _slope: object, part: np.ndarray) -> PartSizes:
+        return in_blocks if part is search.blocks.cluster else regimes
+
+    monkeypatch.setattr(consistency, "part_sizes", sizes)
+    closed = Closed(pooled, largest)
+    assert consistency.keeps_its_size(friction, best, "coulomb_friction", closed) is kept
 
 
 @pytest.mark.parametrize(
@@ -121,7 +206,7 @@ def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Se
         found = consistency.part_sizes(friction, best, slope, part)
         assert np.all(np.abs(found.value - 1.0) < 4.0 * found.sigma)
         assert np.all(found.sigma < 0.05) and found.is_constant()
-    assert consistency.keeps_its_size(friction, best, "coulomb_friction", 0.1)
+    assert consistency.keeps_its_size(friction, best, "coulomb_friction", Closed(0.1, 0.1))
 
 
 def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_state.Search) -> None:
@@ -131,7 +216,7 @@ def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_st
     slope = consistency.size_response(one_sided, best, "coulomb_friction")
     found = consistency.part_sizes(one_sided, best, slope, part)
     assert found.value.min() < 0.1 and found.value.max() > 1.4
-    assert not consistency.keeps_its_size(one_sided, best, "coulomb_friction", 1.0)
+    assert not consistency.keeps_its_size(one_sided, best, "coulomb_friction", Closed(0.4, 0.4))
 
 
 def test_the_parts_of_time_are_contiguous_and_about_equal(friction: search_state.Search) -> None:
@@ -148,7 +233,8 @@ def test_an_effect_that_no_division_shows_twice_must_close_nearly_all(
 ) -> None:
     best, whole = friction.fits[("coulomb_friction",)], np.zeros(friction.problem.n, int)
     monkeypatch.setattr(consistency, "partitions", lambda _: iter([whole]))
-    for closed, kept in ((0.91, True), (0.89, False)):
+    for largest, kept in ((0.91, True), (0.89, False)):
+        closed = Closed(0.5, largest)
         assert consistency.keeps_its_size(friction, best, "coulomb_friction", closed) is kept
 
 

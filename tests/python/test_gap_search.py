@@ -312,7 +312,7 @@ def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_ge
     state = SimpleNamespace(
         score=lambda one: one.left,
         min_gain=lambda one: 0.1,
-        is_better=lambda fuller, leaner, share: False,
+        outdoes_special_case=lambda general, special: False,
         effects=[BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]],
     )
     monkeypatch.setattr(candidate_sets, "fit_set", lambda _, ids, near: fit_of(special, *ids))
@@ -322,6 +322,30 @@ def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_ge
         None if base is None else fit_of(base, "speed_gain"),
     )
     assert found.ids == ("speed_gain", named)
+
+
+@pytest.mark.parametrize(
+    ("special", "better", "likely", "outdone"),
+    [
+        (6.4, False, True, True),  # closes 0.1 of what the general effect closes, in few blocks
+        (6.4, False, False, False),  # the general effect may be better by chance
+        (4.9, False, True, True),  # less than half
+        (4.7, False, True, False),  # more than half
+        (4.7, True, True, True),
+    ],
+)
+def test_a_special_case_that_closes_little_does_not_replace_a_general_effect_of_few_blocks(
+    special: float, better: bool, likely: bool, outdone: bool
+) -> None:
+    """Retuning leaves a squared gap of 6.6, the general effect 3.0."""
+    state = SimpleNamespace(
+        retuned=6.6,
+        score=lambda left: left,
+        is_better=lambda general, leaner, share: better,
+        is_likely_better=lambda general, leaner, share: likely,
+    )
+    found = search_state.Search.outdoes_special_case(state, 3.0, special)
+    assert found is outdone
 
 
 def test_an_effect_of_many_starts_is_restarted_beside_another() -> None:

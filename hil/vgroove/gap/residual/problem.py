@@ -257,6 +257,11 @@ class Problem:
         """Squares as squared() states them, without the clip."""
         return np.where(self.censored & (residual == 0.0), np.nan, np.square(residual))
 
+    def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
+        """Sums of a power (n,), which is that of the residuals (n,), over each regime."""
+        sums = np.bincount(self.regime, weights=power, minlength=len(self.regimes))
+        return dict(zip(self.regimes, sums.tolist(), strict=True))
+
     def gap(self, residual: np.ndarray, mask: np.ndarray | None = None) -> Any:
         """RMS over the mask (default: judged) of clipped residuals (n,) -> float, or (B, n) ->
         (B,); 0 where nothing counts.

@@ -149,6 +149,10 @@ class MeasuredProblem(Protocol):
         """Index (n,) of each residual's regime."""
         ...
 
+    def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
+        """Sums of a power (n,), which is that of the residuals (n,), over each regime."""
+        ...
+
     @property
     def held_out_s(self) -> Sequence[Sequence[Sequence[float]]]:
         """Judged stretches [from, to] in s, per log."""

@@ -10,7 +10,7 @@ import numpy as np
 from vgroove.gap.catalogue import BY_ID, SPECIAL_CASES
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
-from vgroove.gap.selection.search_state import COMPARISON, Search, key
+from vgroove.gap.selection.search_state import Search, key
 
 
 def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
@@ -57,17 +57,15 @@ def distinct_hypotheses(proposals: Sequence[Fit]) -> list[Hypothesis]:
 
 
 def prefer_special_cases(search: Search, best: Fit, base: Fit | None = None) -> Fit:
-    """The set with each general effect replaced by its special case, where the general effect is
-    not better and the set with the special case gains more than the minimum effect size over a base
-    set.
+    """The set with each general effect replaced by its special case, where the general effect does
+    not outdo it and the set with the special case gains more than the minimum effect size over a
+    base set.
     """
     for member in best.ids:
         known = {e.id for e in search.effects} - set(best.ids)
         for special in (s for s in SPECIAL_CASES.get(member, ()) if s in known):
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
-            if not search.is_better(best, one, COMPARISON.min_general_gain) and gains(
-                search, one, base
-            ):
+            if not search.outdoes_special_case(best, one) and gains(search, one, base):
                 return prefer_special_cases(search, one, base)
     return best
 

@@ -51,7 +51,6 @@ def select_whitened(search: Search) -> Selection | None:
     """The search repeated in residuals without correlation in time (whitened()), from the fits that
     it ended with; None where the best fit ends near the noise.
     """
-    search.progress("residuals without correlation in time")
     other = whitened(search)
     return None if other is search else settled(*forward(other))
 
@@ -179,7 +178,7 @@ def leanest_tied(search: Search, best: Fit) -> Fit:
 def is_as_good(search: Search, one: Fit, best: Fit) -> bool:
     """Whether a set may replace the best: it is tied, or a special case that is not worse."""
     if contains(best.ids, one.ids):
-        return not search.is_better(best, one, COMPARISON.min_general_gain)
+        return not search.outdoes_special_case(best, one)
     return search.is_tied(one, best)
 
 

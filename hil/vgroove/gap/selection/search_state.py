@@ -49,6 +49,9 @@ class ComparisonLimits:
     min_gain: float = 0.05
     min_gain_share: float = 0.01
     min_general_gain: float = 0.03  # in place of min_gain, of a general effect over a special case
+    # share of what a general effect closes that its special case must close, where the general one
+    # is likely better and too few blocks show it to be significant
+    min_special_share: float = 0.5
     significance: float = 0.99  # two-sided level of the interval by which a gain is significant
     likely: float = 0.8  # two-sided level of the interval that must exceed the minimum effect size
     # squared sigmas that one parameter gains by chance: 95 % quantile of chi^2 with 1 degree of
@@ -375,6 +378,19 @@ class Search:
             and difference_interval(self.blocks, gain, COMPARISON.likely)[0] > least
         )
 
+    def outdoes_special_case(self, general: Fit, special: Fit) -> bool:
+        """Whether a set with a general effect is kept beside the set with its special case: it is
+        better, or likely better while the special case closes the smaller part of what it closes. A
+        grease that warms up differs from a viscous friction in few blocks.
+        """
+        share = COMPARISON.min_general_gain
+        if self.is_better(general, special, share):
+            return True
+        closed, whole = (self.score(self.retuned) - self.score(f) for f in (special, general))
+        return closed < COMPARISON.min_special_share * whole and self.is_likely_better(
+            general, special, share
+        )
+
     def closes_large_gap(self, fuller: Fit, leaner: Fit) -> bool:
         """Whether the fuller set closes nearly all of a large gap whichever block is left out
         (jackknife); a short log has too few blocks for a significant bootstrap.
@@ -577,6 +593,7 @@ def whitened(search: Search) -> Search:
     """
     if search.problem.is_whitened or np.all(search.engine.discrepancy == 1.0):
         return search
+    search.progress("residuals without correlation in time")
     engine, problem = search.engine, search.problem
     best = min(search.fits.values(), key=search.score)
     counts = search.blocks.tested & ~problem.censored

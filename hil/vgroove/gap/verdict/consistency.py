@@ -4,7 +4,8 @@ section 5): something outside the catalogue is imitated with values that change 
 The size is a factor on the effect's leading parameter, 1 in the fit to all rows. It is estimated in
 each part to first order, with the nuisance parameters fitted there under their priors. The scatter
 between parts is the random-effects standard deviation (R. DerSimonian and N. Laird, Controlled
-Clinical Trials 7 (1986) 177).
+Clinical Trials 7 (1986) 177). Of an effect that closes the larger part of what the set without it
+leaves, it may be weighted by the squared gap that the effect makes in each part.
 """
 
 from collections.abc import Iterator
@@ -30,7 +31,7 @@ from vgroove.gap.verdict.covariates import Covariates
 class ConsistencyLimits:
     """Thresholds of the consistency of an effect (docs/spec/gap.md, section 5)."""
 
-    max_scatter: float = 0.5  # random-effects standard deviation, as a share of the value
+    max_scatter: float = 0.5  # standard deviation of the size between parts, as a share of the mean
     # largest factor between the mean of the sizes in parts and the size in all rows; chosen on the
     # tuning half of the blind set (docs/gap_bench.md)
     max_mean_factor: float = 2.0
@@ -49,8 +50,8 @@ class ConsistencyLimits:
     max_part_sigma: float = 1.0
     # a part contradicts the sign, or loses squared gap, from so many standard deviations on
     sign_sigmas: float = 2.0
-    # largest part of the information on the size (sum of inverse variances) in the parts that
-    # contradict the sign
+    # largest part of the information on the size (sum of inverse variances), or of the squared gap
+    # that the effect makes, in the parts that contradict the sign
     max_contradicting: float = 0.05
     time_parts: int = 4  # largest number of contiguous parts of all logs together
     knots: int = 5  # of the piecewise linear functions over a covariate
@@ -65,12 +66,15 @@ VARYING_OVER = ("speed", "current", "motor angle", "time since start")
 
 @dataclass(frozen=True)
 class PartSizes:
-    """Sizes (k,) of an effect in the parts that show it, with their standard deviations (k,)."""
+    """Sizes (k,) of an effect in the parts that show it, with their standard deviations (k,) and
+    the squared gap (k,) that the effect makes in each beside the nuisance parameters.
+    """
 
     value: np.ndarray
     sigma: np.ndarray
+    power: np.ndarray
 
-    def scatter(self) -> tuple[float, float]:
+    def scatter_by_information(self) -> tuple[float, float]:
         """Weighted mean of the sizes, and their random-effects standard deviation."""
         weight = self.sigma**-2.0
         mean = float(np.average(self.value, weights=weight))
@@ -81,12 +85,30 @@ class PartSizes:
             np.sqrt(between)
         )
 
+    def scatter_by_power(self) -> tuple[float, float]:
+        """Mean of the sizes and the standard deviation of the true sizes about it, both weighted by
+        the squared gap that the effect makes in each part.
+        """
+        mean = float(np.average(self.value, weights=self.power))
+        excess = (self.value - mean) ** 2 - self.sigma**2
+        between = max(0.0, float(np.average(excess, weights=self.power)))
+        return mean, float(np.sqrt(between))
+
     def is_constant(self) -> bool:
+        """Whether the size is constant, each part with the weight of its information."""
+        return self._is_constant(self.sigma**-2.0, *self.scatter_by_information())
+
+    def is_constant_by_power(self) -> bool:
+        """Whether the size is constant, each part with the weight of the squared gap that the
+        effect makes there.
+        """
+        return self._is_constant(self.power, *self.scatter_by_power())
+
+    def _is_constant(self, weight: np.ndarray, mean: float, between: float) -> bool:
         """Whether hardly any part contradicts the sign, the mean is that of all rows, 1, up to
         max_mean_factor, and the scatter is at most max_scatter times the mean.
         """
-        mean, between = self.scatter()
-        weight, contradicts = self.sigma**-2.0, self.value + LIMITS.sign_sigmas * self.sigma < 0.0
+        contradicts = self.value + LIMITS.sign_sigmas * self.sigma < 0.0
         if not 1.0 <= mean * LIMITS.max_mean_factor <= LIMITS.max_mean_factor**2:
             return False
         if weight[contradicts].sum() > LIMITS.max_contradicting * weight.sum():
@@ -167,23 +189,24 @@ def part_sizes(search: Search, best: Fit, slope: np.ndarray, part: np.ndarray) -
         found.append(
             _size_in_part(columns, best.residual[rows], prior, search.blocks.cluster[rows])
         )
-    value, sigma = np.array(found).T
+    value, sigma, power = np.array(found).T
     shown = sigma < LIMITS.max_part_sigma
-    return PartSizes(value[shown], sigma[shown])
+    return PartSizes(value[shown], sigma[shown], power[shown])
 
 
 def _size_in_part(
     columns: np.ndarray, residual: np.ndarray, prior: np.ndarray, cluster: np.ndarray
-) -> tuple[float, float]:
-    """Size of an effect in the rows (m,) of a part, and its standard deviation by the sandwich over
-    clusters, at least that of white noise of the residual's power. columns (m, 1 + k): sensitivity
-    of the effect and of the k nuisance parameters, prior (k,): the inverse variance of the latter.
+) -> tuple[float, float, float]:
+    """Size of an effect in the rows (m,) of a part, its standard deviation by the sandwich over
+    clusters, at least that of white noise of the residual's power, and the squared gap that the
+    effect makes there. columns (m, 1 + k): sensitivity of the effect and of the k nuisance
+    parameters, prior (k,): the inverse variance of the latter.
     """
     residual = _clipped(residual)
     penalty = np.diag(np.concatenate([[TINY], prior]))
     normal = columns.T @ columns + penalty
     if normal[0, 0] <= 10.0 * TINY:
-        return 0.0, np.inf
+        return 0.0, np.inf, 0.0
     inverse = np.linalg.pinv(normal)
     step = -inverse @ (columns.T @ residual)
     left = residual + columns @ step
@@ -193,22 +216,50 @@ def _size_in_part(
     groups = len(sums)
     robust = inverse @ (sums.T @ sums) @ inverse * (groups / max(1, groups - 1))
     white = inverse * max(1.0, float(np.mean(left**2)))
-    return 1.0 + float(step[0]), float(np.sqrt(max(robust[0, 0], white[0, 0])))
+    sigma = float(np.sqrt(max(robust[0, 0], white[0, 0])))
+    return 1.0 + float(step[0]), sigma, 1.0 / float(inverse[0, 0])
 
 
-def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: float) -> bool:
-    """Whether the effect's size is the same in all parts of every division in which at least two
-    parts show it. Without such a division the effect must close nearly all. closed: share that it
-    closes of the squared gap left by the set without it, over all signals or in one alone.
+@dataclass(frozen=True)
+class Closed:
+    """Share that an effect closes of what the set without it leaves: over all signals, and over all
+    or in the signal in which it is largest.
     """
-    divided, slope = False, size_response(search, best, effect_id)
-    for part in partitions(search):
-        sizes = part_sizes(search, best, slope, part)
-        if len(sizes.value) > 1:
-            divided = True
-            if not sizes.is_constant():
-                return False
-    return divided or closed >= LIMITS.min_closed_undivided
+
+    pooled: float
+    largest: float
+
+
+def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: Closed) -> bool:
+    """Whether the effect's size is the same in all parts of every division in which at least two
+    parts show it. Without such a division the effect must close nearly all.
+
+    Of an effect that closes the larger part, a part in which it makes little of the gap shows what
+    the model lacks, not its size: it may as well be constant by the weight of the gap, then also
+    over the bootstrap's blocks if it closes the larger part in one signal alone.
+    """
+    slope = size_response(search, best, effect_id)
+    found = [part_sizes(search, best, slope, part) for part in partitions(search)]
+    divided = [sizes for sizes in found if len(sizes.value) > 1]
+    if not divided:
+        return closed.largest >= LIMITS.min_closed_undivided
+    if all(sizes.is_constant() for sizes in divided):
+        return True
+    least = COMPARISON.min_gain_of_left
+    return (
+        closed.largest >= least
+        and all(sizes.is_constant_by_power() for sizes in divided)
+        and (closed.pooled >= least or keeps_its_size_in_blocks(search, best, effect_id))
+    )
+
+
+def keeps_its_size_in_blocks(search: Search, best: Fit, effect_id: str) -> bool:
+    """Whether the effect's size is the same in the bootstrap's blocks, each with the weight of the
+    squared gap that the effect makes there.
+    """
+    slope = size_response(search, best, effect_id)
+    sizes = part_sizes(search, best, slope, search.blocks.cluster)
+    return len(sizes.value) > 1 and sizes.is_constant_by_power()
 
 
 def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:

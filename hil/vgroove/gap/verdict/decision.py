@@ -234,7 +234,7 @@ def stands_for_excluded(search: Search, best: Fit) -> bool:
     for member in best.ids:
         for special in set(SPECIAL_CASES.get(member, ())) & search.without - set(best.ids):
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
-            if not search.is_better(best, one, COMPARISON.min_general_gain):
+            if not search.outdoes_special_case(best, one):
                 return True
     return False
 

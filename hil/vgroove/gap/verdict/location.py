@@ -198,12 +198,10 @@ def largest_share(shares: dict[str, float]) -> str | None:
 
 def regime_shares(search: Search) -> list[RegimeShare]:
     """Share of each regime in the nominal model's squared gap above the noise, largest first."""
-    problem, tested = search.problem, search.blocks.tested
-    square = clipped_squares(search.nominal.out_of_fold, COMPARISON.clip_sigma) - search.floor_power
-    sums = {
-        name: max(0.0, float(square[tested & (problem.regime == i)].sum()))
-        for i, name in enumerate(problem.regimes)
-    }
+    residual, tested = search.nominal.out_of_fold, search.blocks.tested
+    square = clipped_squares(residual, COMPARISON.clip_sigma) - search.floor_power
+    powers = search.problem.power_by_regime(residual, np.where(tested, square, 0.0))
+    sums = {name: max(0.0, power) for name, power in powers.items()}
     total = sum(sums.values())
     if total <= 0.0:
         return []

@@ -119,6 +119,11 @@ class ImpactRun:
         return self.part >= len(self.reader.parts)
 
     @cached_property
+    def window(self) -> np.ndarray:
+        """Number (n,) of each statistic's window, or of its span."""
+        return self.of_places(np.arange(self.windows.count), np.arange(len(self.run_up.first)))
+
+    @cached_property
     def row(self) -> np.ndarray:
         """Row (n,) at the centre of each statistic's window or span."""
         return self.of_places(self.windows.centre, self.run_up.centre)

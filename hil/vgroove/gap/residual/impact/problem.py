@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from vgroove.gap.residual.impact.cycle_phase import sector_name, shape_shares
 from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
     clipped_cost,
@@ -121,6 +122,25 @@ class ImpactProblem(Problem):
         run = self.runs[j]
         plant = self.of_log(j, np.ascontiguousarray(np.atleast_2d(theta), dtype=float))
         return plant if run.early is None else with_starts(plant, profiled_starts(run, plant))
+
+    def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
+        """Sums of a power (n,), which is that of the residuals (n,), over each regime; the shape of
+        the cycle by its parts (cycle_phase.py).
+        """
+        found = dict.fromkeys(self.regimes, 0.0)
+        for j, run in enumerate(self.runs):
+            mine = self.log == j
+            shares = shape_shares(run, residual[mine])
+            table = zip(self.regime[mine].tolist(), power[mine], shares, strict=True)
+            for number, one, parts in table:
+                name = self.regimes[number]
+                if np.isnan(parts[0]):
+                    found[name] += float(one)
+                    continue
+                for sector, share in enumerate(parts):
+                    named = f"{name}, {sector_name(sector, run.reader.reference)}"
+                    found[named] = found.get(named, 0.0) + float(share * one)
+        return found
 
     def motor_angles(self, theta: np.ndarray) -> list[np.ndarray]:
         """Angle (rows,) in rad of the motor in each log, for theta (P,)."""
