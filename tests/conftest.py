@@ -1,7 +1,7 @@
-"""Settings of all tests: BLAS has one thread in each worker; programs that they start receive
-Ctrl-C, which a shell disables for jobs in the background, and SIGHUP, which nohup disables; the
-tests of a file run on one worker, so that its fixtures are made once; tests marked `proof` run with
---proof alone.
+"""Settings of all tests. BLAS uses one thread in each worker. Programs that a test starts receive
+Ctrl-C and SIGHUP even where the shell ignores them (a job in the background, nohup). The tests of a
+file run on one worker, so that its fixtures are made once. Tests marked `proof` run only with
+--proof.
 """
 
 import json

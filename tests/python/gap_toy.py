@@ -17,6 +17,7 @@ from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.agreement import clip_sigmas
 from vgroove.gap.residual.measured_run import MeasuredRun
+from vgroove.gap.residual.problem import Problem
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection.search_state import Search
 from vgroove.rig import rig_from_dict
@@ -256,9 +257,7 @@ class Toy:
         """Squares, clipped at the clip of each signal."""
         return np.minimum(np.square(r), np.square(self.clip)[self.signal])
 
-    def power_by_regime(self, r: np.ndarray, power: np.ndarray) -> dict[str, float]:
-        """Sums of a power over each regime."""
-        return {n: float(power[self.regime == k].sum()) for k, n in enumerate(self.regimes)}
+    power_by_regime = Problem.power_by_regime
 
     def gap(self, r: np.ndarray, mask: np.ndarray | None = None) -> float:
         """Clipped RMS."""

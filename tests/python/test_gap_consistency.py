@@ -18,9 +18,9 @@ from vgroove.gap.catalogue import BY_ID, CATALOGUE
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Coordinate
 from vgroove.gap.selection import search_state
-from vgroove.gap.selection.search_state import Search
+from vgroove.gap.selection.search_state import ClosedShare, Search
 from vgroove.gap.verdict import consistency, established
-from vgroove.gap.verdict.consistency import LIMITS, Closed, PartSizes
+from vgroove.gap.verdict.consistency import LIMITS, PartSizes
 from vgroove.gap.verdict.covariates import Covariates
 
 ONE_SIDED = {"effects.asymmetric_friction.forward_nm": 0.006}
@@ -131,7 +131,7 @@ def test_the_scatter_by_power_is_weighted_by_the_gap_that_the_effect_makes(
 def test_cutting_a_part_in_two_changes_no_scatter_by_power(
     parts: list[tuple[float, float]],
 ) -> None:
-    """What counts is the squared gap of the effect, not into how many parts it is cut."""
+    """Two parts with half of the squared gap each count as much as the one that they replace."""
     value, power = map(list, zip(*parts, strict=True))
     whole = sizes_of(value, [0.0] * len(value), power).scatter_by_power()
     halves = [power[0] / 2.0, *power[1:], power[0] / 2.0]
@@ -184,7 +184,7 @@ def test_an_effect_that_closes_the_larger_part_may_change_where_it_makes_little_
         return in_blocks if part is search.blocks.cluster else regimes
 
     monkeypatch.setattr(consistency, "part_sizes", sizes)
-    closed = Closed(pooled, largest)
+    closed = ClosedShare(pooled, largest)
     assert consistency.keeps_its_size(friction, best, "coulomb_friction", closed) is kept
 
 
@@ -206,7 +206,7 @@ def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Se
         found = consistency.part_sizes(friction, best, slope, part)
         assert np.all(np.abs(found.value - 1.0) < 4.0 * found.sigma)
         assert np.all(found.sigma < 0.05) and found.is_constant()
-    assert consistency.keeps_its_size(friction, best, "coulomb_friction", Closed(0.1, 0.1))
+    assert consistency.keeps_its_size(friction, best, "coulomb_friction", ClosedShare(0.1, 0.1))
 
 
 def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_state.Search) -> None:
@@ -216,7 +216,9 @@ def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_st
     slope = consistency.size_response(one_sided, best, "coulomb_friction")
     found = consistency.part_sizes(one_sided, best, slope, part)
     assert found.value.min() < 0.1 and found.value.max() > 1.4
-    assert not consistency.keeps_its_size(one_sided, best, "coulomb_friction", Closed(0.4, 0.4))
+    assert not consistency.keeps_its_size(
+        one_sided, best, "coulomb_friction", ClosedShare(0.4, 0.4)
+    )
 
 
 def test_the_parts_of_time_are_contiguous_and_about_equal(friction: search_state.Search) -> None:
@@ -234,7 +236,7 @@ def test_an_effect_that_no_division_shows_twice_must_close_nearly_all(
     best, whole = friction.fits[("coulomb_friction",)], np.zeros(friction.problem.n, int)
     monkeypatch.setattr(consistency, "partitions", lambda _: iter([whole]))
     for largest, kept in ((0.91, True), (0.89, False)):
-        closed = Closed(0.5, largest)
+        closed = ClosedShare(0.5, largest)
         assert consistency.keeps_its_size(friction, best, "coulomb_friction", closed) is kept
 
 
@@ -580,7 +582,7 @@ def test_the_share_that_a_member_closes_is_that_of_the_signal_in_which_it_closes
 ) -> None:
     """left: squared gap above the noise that the set leaves in each signal."""
     state = gains_state(1.0 / 3.0 + np.array(left), np.array(gains))
-    assert state.closed_share("best", "without") == pytest.approx(closed)
+    assert state.closed_share("best", "without").largest == pytest.approx(closed)
 
 
 @pytest.mark.parametrize(

@@ -337,7 +337,7 @@ def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_ge
 def test_a_special_case_that_closes_little_does_not_replace_a_general_effect_of_few_blocks(
     special: float, better: bool, likely: bool, outdone: bool
 ) -> None:
-    """Retuning leaves a squared gap of 6.6, the general effect 3.0."""
+    """The squared gap is 6.6 without effects and 3.0 with the general effect."""
     state = SimpleNamespace(
         retuned=6.6,
         score=lambda left: left,

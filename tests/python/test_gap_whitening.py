@@ -55,6 +55,17 @@ def test_filtered_residuals_are_uncorrelated(poles: tuple[float, float], seed: i
     assert np.all(np.abs(rho[1:] / rho[0]) < CORRELATION_ERROR)
 
 
+@given(poles=st.tuples(st.floats(0.5, 0.97), st.floats(-0.9, 0.9)), seed=st.integers(0, 2**16))
+def test_slow_poles_leave_less_than_a_third_of_the_correlation(
+    poles: tuple[float, float], seed: int
+) -> None:
+    """The worst of 8,000 drawn series left 0.24."""
+    value = autoregressive(np.random.default_rng(seed), poles)
+    left = lfilter(prediction_error_filter(value), [1.0], value)[MAX_ORDER:]
+    rho = autocovariance(left, 6)
+    assert np.all(np.abs(rho[1:] / rho[0]) < 0.3)
+
+
 def test_two_slow_poles_leave_a_tenth_of_the_correlation() -> None:
     """The series itself has 0.997 between neighbouring rows."""
     value = autoregressive(np.random.default_rng(1977), (0.9375, 0.875))

@@ -54,7 +54,9 @@ def test_a_quarter_turn_later_each_share_is_that_of_the_next_quarter(harmonics: 
 
 @pytest.mark.parametrize("sector", range(SECTORS))
 def test_a_pulse_is_found_where_it_is_after_the_peak_of_the_reference(sector: int) -> None:
-    """Of 40 ms, in rows of 1 ms: the reference is a cosine, the error a pulse in one quarter."""
+    """A cycle of 40 ms in rows of 1 ms. The reference is a cosine, the error a pulse in one quarter
+    of the cycle.
+    """
     hz, rows = 25.0, 160
     t = ROW_S * (np.arange(rows) - 0.5 * (rows - 1))
     cycles = hz * t + 0.3

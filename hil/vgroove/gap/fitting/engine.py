@@ -276,9 +276,8 @@ class Engine:
         """Huber's loss of residuals (n,) on rows (n,), by default those that any fold trains on,
         plus the priors of the nuisance parameters at x (p,).
         """
-        return huber_loss(self._trained(r) if train is None else r[train], one.delta) + float(
-            ((x * one.hypothesis.prior) ** 2).sum()
-        )
+        loss = huber_loss(self._trained(r) if train is None else r[train], one.delta)
+        return float(loss) + float(((x * one.hypothesis.prior) ** 2).sum())
 
     def costs(self, one: Fit, points: np.ndarray) -> list[float]:
         """Costs of a fit's hypothesis at other points (k, p), under the fit's Huber threshold."""

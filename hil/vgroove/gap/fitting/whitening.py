@@ -44,7 +44,7 @@ def prediction_error_filter(value: np.ndarray) -> np.ndarray:
     recursion of Levinson and Durbin; the order is that of the least criterion of Schwarz.
 
     The ends of a series disturb its autocovariances: of one whose innovations are a thousandth of
-    its power they leave a correlation of about 0.1 between neighbouring rows.
+    its power they leave a correlation of 0.1 to 0.25 between neighbouring rows.
     """
     count = len(value)
     best = taps = np.ones(1)

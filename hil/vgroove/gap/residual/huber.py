@@ -2,6 +2,8 @@
 (1964) 73.
 """
 
+from typing import Any
+
 import numpy as np
 
 MIN_RESIDUAL = 1e-9  # sigma; keeps a weight finite at a residual of 0
@@ -12,8 +14,10 @@ def huber_weight(residual: np.ndarray, delta: float) -> np.ndarray:
     return np.minimum(1.0, delta / np.maximum(np.abs(residual), MIN_RESIDUAL))
 
 
-def huber_loss(residual: np.ndarray, delta: float) -> float:
-    """Huber's loss of residuals: r^2 up to delta, 2 delta |r| - delta^2 beyond."""
+def huber_loss(residual: np.ndarray, delta: float) -> Any:
+    """Huber's loss () or (...) of residuals (m,) or (..., m), summed over the last axis: r^2 up to
+    delta, 2 delta |r| - delta^2 beyond.
+    """
     size = np.abs(residual)
     near = np.minimum(size, delta)
-    return float(near @ (2.0 * size - near))
+    return np.vecdot(near, 2.0 * size - near)

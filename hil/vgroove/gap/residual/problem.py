@@ -258,7 +258,9 @@ class Problem:
         return np.where(self.censored & (residual == 0.0), np.nan, np.square(residual))
 
     def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
-        """Sums of a power (n,), which is that of the residuals (n,), over each regime."""
+        """Sum of a quantity (n,), such as the squared residuals, over the residuals of each regime.
+        residual (n,): the residuals themselves, which tell where in a cycle the quantity lies.
+        """
         sums = np.bincount(self.regime, weights=power, minlength=len(self.regimes))
         return dict(zip(self.regimes, sums.tolist(), strict=True))
 

@@ -150,7 +150,9 @@ class MeasuredProblem(Protocol):
         ...
 
     def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
-        """Sums of a power (n,), which is that of the residuals (n,), over each regime."""
+        """Sum of a quantity (n,), such as the squared residuals, over the residuals of each regime.
+        residual (n,): the residuals themselves, which tell where in a cycle the quantity lies.
+        """
         ...
 
     @property

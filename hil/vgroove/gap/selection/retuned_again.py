@@ -21,8 +21,8 @@ def may_retune_again(search: Search) -> bool:
 
 
 def retune_again(search: Search) -> Search:
-    """The search with the best fit of the tolerated keys alone: the known one, or one that starts
-    at the values of the keys in one of the STARTS single effects of least cost.
+    """The search with the best known fit of the tolerated keys without effects. New fits start at
+    the values of the keys in the STARTS best fits with one effect.
     """
     engine, known = search.engine, search.retuned
     singles = [f for k, f in search.fits.items() if len(k) == 1 and f.cost < known.cost]

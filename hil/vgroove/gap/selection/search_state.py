@@ -95,6 +95,16 @@ SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
 )
 
 
+@dataclass(frozen=True)
+class ClosedShare:
+    """Share of a squared gap that an effect closes. pooled: over all columns of the log; largest:
+    the same, or that of one column in which it closes a visible gap, whichever is larger.
+    """
+
+    pooled: float
+    largest: float
+
+
 @dataclass
 class SearchCache:
     """The one mutable part of a search: results that later steps use again.
@@ -250,15 +260,13 @@ class Search:
         larger_part = np.sum(more - with_it) >= COMPARISON.min_gain_of_left * left
         return bool(larger_part) or self.is_substantial(more - with_it)
 
-    def closed_share(self, fuller: Fit, leaner: Fit) -> float:
-        """Share that a fit closes of what another one leaves above the sensors' noise, over all
-        columns or in one in which it closes a visible gap, whichever is larger.
-        """
+    def closed_share(self, fuller: Fit, leaner: Fit) -> ClosedShare:
+        """Share that a fit closes of what another one leaves above the sensors' noise."""
         with_it, more = (self.loss_by_column(f) for f in (fuller, leaner))
         left, part = np.maximum(more - self.floor_by_column, MIN_POWER), more - with_it
         visible = part > COMPARISON.visible_excess * self.sample_shares
         pooled = float(np.sum(part)) / float(np.sum(left))
-        return float(max([pooled, *(part[visible] / left[visible])]))
+        return ClosedShare(pooled, float(max([pooled, *(part[visible] / left[visible])])))
 
     @cached_property
     def floor_by_column(self) -> np.ndarray:
@@ -379,9 +387,10 @@ class Search:
         )
 
     def outdoes_special_case(self, general: Fit, special: Fit) -> bool:
-        """Whether a set with a general effect is kept beside the set with its special case: it is
-        better, or likely better while the special case closes the smaller part of what it closes. A
-        grease that warms up differs from a viscous friction in few blocks.
+        """Whether a general effect must not be replaced by its special case, from the fits of a set
+        with the one and with the other. The general effect must be significantly better, or likely
+        better where the special case closes less than half of the gap that the general one closes:
+        few blocks show the difference between cold grease and viscous friction, for example.
         """
         share = COMPARISON.min_general_gain
         if self.is_better(general, special, share):

@@ -23,7 +23,7 @@ from vgroove.gap.selection.model_comparison import (
     clipped_squares,
     weighted_sum_error,
 )
-from vgroove.gap.selection.search_state import COMPARISON, Search
+from vgroove.gap.selection.search_state import COMPARISON, ClosedShare, Search
 from vgroove.gap.verdict.covariates import Covariates
 
 
@@ -67,7 +67,7 @@ VARYING_OVER = ("speed", "current", "motor angle", "time since start")
 @dataclass(frozen=True)
 class PartSizes:
     """Sizes (k,) of an effect in the parts that show it, with their standard deviations (k,) and
-    the squared gap (k,) that the effect makes in each beside the nuisance parameters.
+    the squared gap (k,) that the effect causes in each beside the nuisance parameters.
     """
 
     value: np.ndarray
@@ -86,8 +86,9 @@ class PartSizes:
         )
 
     def scatter_by_power(self) -> tuple[float, float]:
-        """Mean of the sizes and the standard deviation of the true sizes about it, both weighted by
-        the squared gap that the effect makes in each part.
+        """Weighted mean of the sizes, and the standard deviation between parts that the errors of
+        the sizes do not explain. The weight of a part is the squared gap that the effect causes in
+        it.
         """
         mean = float(np.average(self.value, weights=self.power))
         excess = (self.value - mean) ** 2 - self.sigma**2
@@ -95,12 +96,14 @@ class PartSizes:
         return mean, float(np.sqrt(between))
 
     def is_constant(self) -> bool:
-        """Whether the size is constant, each part with the weight of its information."""
+        """Whether the size is the same in all parts, if each part counts by the inverse variance of
+        its size.
+        """
         return self._is_constant(self.sigma**-2.0, *self.scatter_by_information())
 
     def is_constant_by_power(self) -> bool:
-        """Whether the size is constant, each part with the weight of the squared gap that the
-        effect makes there.
+        """Whether the size is the same in all parts, if each part counts by the squared gap that
+        the effect causes in it.
         """
         return self._is_constant(self.power, *self.scatter_by_power())
 
@@ -220,23 +223,13 @@ def _size_in_part(
     return 1.0 + float(step[0]), sigma, 1.0 / float(inverse[0, 0])
 
 
-@dataclass(frozen=True)
-class Closed:
-    """Share that an effect closes of what the set without it leaves: over all signals, and over all
-    or in the signal in which it is largest.
-    """
-
-    pooled: float
-    largest: float
-
-
-def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: Closed) -> bool:
+def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: ClosedShare) -> bool:
     """Whether the effect's size is the same in all parts of every division in which at least two
     parts show it. Without such a division the effect must close nearly all.
 
-    Of an effect that closes the larger part, a part in which it makes little of the gap shows what
-    the model lacks, not its size: it may as well be constant by the weight of the gap, then also
-    over the bootstrap's blocks if it closes the larger part in one signal alone.
+    An effect that closes at least half of the gap may differ in a part in which it causes little of
+    the gap: other model errors dominate there. If it closes half in one column of the log alone, it
+    must also have the same size in the blocks of the bootstrap.
     """
     slope = size_response(search, best, effect_id)
     found = [part_sizes(search, best, slope, part) for part in partitions(search)]
@@ -246,20 +239,12 @@ def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: Closed) ->
     if all(sizes.is_constant() for sizes in divided):
         return True
     least = COMPARISON.min_gain_of_left
-    return (
-        closed.largest >= least
-        and all(sizes.is_constant_by_power() for sizes in divided)
-        and (closed.pooled >= least or keeps_its_size_in_blocks(search, best, effect_id))
-    )
-
-
-def keeps_its_size_in_blocks(search: Search, best: Fit, effect_id: str) -> bool:
-    """Whether the effect's size is the same in the bootstrap's blocks, each with the weight of the
-    squared gap that the effect makes there.
-    """
-    slope = size_response(search, best, effect_id)
-    sizes = part_sizes(search, best, slope, search.blocks.cluster)
-    return len(sizes.value) > 1 and sizes.is_constant_by_power()
+    if closed.largest < least or not all(sizes.is_constant_by_power() for sizes in divided):
+        return False
+    if closed.pooled >= least:
+        return True
+    blocks = part_sizes(search, best, slope, search.blocks.cluster)
+    return len(blocks.value) > 1 and blocks.is_constant_by_power()
 
 
 def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:

@@ -11,7 +11,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set, fit_without, ids_without
 from vgroove.gap.selection.forward import grow, leaves_established_share
 from vgroove.gap.selection.limits import STEPWISE
-from vgroove.gap.selection.model_comparison import MIN_POWER, difference_interval
+from vgroove.gap.selection.model_comparison import difference_interval
 from vgroove.gap.selection.search_state import COMPARISON, Search, ends_at_bound, key
 from vgroove.gap.verdict import consistency
 from vgroove.gap.verdict.consistency import LIMITS
@@ -60,9 +60,7 @@ class Member:
     @cached_property
     def keeps_size(self) -> bool:
         """Whether its size is the same wherever the logs show it."""
-        largest = self.search.closed_share(self.best, self.without)
-        left = max(self.search.score(self.without) - self.search.floor_power, MIN_POWER)
-        closed = consistency.Closed(self.gain / left, largest)
+        closed = self.search.closed_share(self.best, self.without)
         return consistency.keeps_its_size(self.search, self.best, self.id, closed)
 
     @cached_property

@@ -22,8 +22,9 @@ def sector_name(sector: int, reference: str) -> str:
 
 
 def sector_shares(amplitude: np.ndarray) -> np.ndarray:
-    """Share (W, SECTORS) of each part of the cycle in the power of waveforms with the complex
-    amplitudes (W, H) of their harmonics 1, 2, ..; equal shares of a waveform that is 0.
+    """Fraction (W, SECTORS) of the mean square of periodic waveforms that lies in each quarter of
+    their period. amplitude (W, H): complex amplitudes of the harmonics 1 to H of each waveform. A
+    waveform that is 0 has equal fractions.
     """
     order = np.arange(1, amplitude.shape[1] + 1)
     phase = TURN_RAD * (np.arange(SECTORS * POINTS) + 0.5) / (SECTORS * POINTS)

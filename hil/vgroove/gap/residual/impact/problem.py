@@ -124,22 +124,22 @@ class ImpactProblem(Problem):
         return plant if run.early is None else with_starts(plant, profiled_starts(run, plant))
 
     def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
-        """Sums of a power (n,), which is that of the residuals (n,), over each regime; the shape of
-        the cycle by its parts (cycle_phase.py).
+        """Sum of a quantity (n,), such as the squared residuals (n,), over each regime; that of the
+        shape of the cycle over each quarter of the cycle (cycle_phase.py).
         """
         found = dict.fromkeys(self.regimes, 0.0)
         for j, run in enumerate(self.runs):
-            mine = self.log == j
+            mine = np.flatnonzero(self.log == j)
             shares = shape_shares(run, residual[mine])
-            table = zip(self.regime[mine].tolist(), power[mine], shares, strict=True)
-            for number, one, parts in table:
-                name = self.regimes[number]
-                if np.isnan(parts[0]):
-                    found[name] += float(one)
+            for number in np.unique(self.regime[mine]):
+                name, rows = self.regimes[number], self.regime[mine] == number
+                parts = power[mine][rows] @ shares[rows]
+                if np.isnan(parts).any():
+                    found[name] += float(power[mine][rows].sum())
                     continue
-                for sector, share in enumerate(parts):
+                for sector, part in enumerate(parts.tolist()):
                     named = f"{name}, {sector_name(sector, run.reader.reference)}"
-                    found[named] = found.get(named, 0.0) + float(share * one)
+                    found[named] = found.get(named, 0.0) + part
         return found
 
     def motor_angles(self, theta: np.ndarray) -> list[np.ndarray]:

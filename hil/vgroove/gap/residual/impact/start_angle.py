@@ -274,7 +274,7 @@ def _misfit(residual: np.ndarray) -> np.ndarray:
 def _huber(residual: np.ndarray) -> np.ndarray:
     """Huber's loss (...) of residuals (..., m); infinite where the plant cannot simulate."""
     size = np.nan_to_num(np.abs(residual), nan=np.inf)
-    return np.apply_along_axis(huber_loss, -1, size, HUBER_SIGMAS)
+    return huber_loss(size, HUBER_SIGMAS)
 
 
 def other_starts(run: ImpactRun, start_rad: np.ndarray, statistics: np.ndarray) -> np.ndarray:
