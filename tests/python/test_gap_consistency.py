@@ -585,6 +585,18 @@ def test_the_share_that_a_member_closes_is_that_of_the_signal_in_which_it_closes
     assert state.closed_share("best", "without").largest == pytest.approx(closed)
 
 
+def test_the_size_of_a_member_is_judged_by_the_share_that_it_closes(
+    friction: search_state.Search, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A true effect closes all that the retuned model leaves above the noise."""
+    judged: list[ClosedShare] = []
+    monkeypatch.setattr(consistency, "keeps_its_size", lambda *given: judged.append(given[3]))
+    best = friction.fits[("coulomb_friction",)]
+    assert established.Member(friction, best, "coulomb_friction", {}).keeps_size is None
+    assert judged[0].pooled == pytest.approx(1.0, abs=0.05)
+    assert judged[0].largest >= judged[0].pooled
+
+
 @pytest.mark.parametrize(
     ("found", "tied", "better", "replaced"),
     [

@@ -92,6 +92,22 @@ def test_the_shares_of_a_log_are_those_of_the_error_of_each_column(problem: Impa
             assert np.all(shares[shape][:, [0, 3]] > 0.4)
 
 
+def test_the_part_of_a_harmonic_across_leads_by_a_quarter_of_its_period(
+    problem: ImpactProblem,
+) -> None:
+    """The error of the current is cos(2 p) - sin(3 p), p the phase: in the first quarter of the
+    cycle the mixed product removes (1 + 1/5) / (2 pi) of the mean square.
+    """
+    run = problem.runs[0]
+    kept, residual = run.part[run.judged], np.zeros(int(run.judged.sum()))
+    for k, part in enumerate(run.parts):
+        if part.column == "current_a" and (part.harmonic, part.across) in ((2, False), (3, True)):
+            residual[kept == k] = 1.0 / run.sigma[run.judged][kept == k]
+    rows = residual != 0.0
+    assert rows.any()
+    assert shape_shares(run, residual)[rows][:, 0] == pytest.approx(0.25 - 0.6 / np.pi, abs=1e-3)
+
+
 def test_the_quarters_add_up_to_the_shape_of_each_place(problem: ImpactProblem) -> None:
     residual = problem.residuals(problem.theta0)[0]
     whole = Problem.power_by_regime(problem, residual, residual**2)
