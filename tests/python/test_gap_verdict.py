@@ -939,3 +939,29 @@ def test_a_reported_gap_far_from_the_noise_is_a_remainder(reported: float, stand
     one = named_gap(1.05, 1)
     state.reported_score = lambda fit: reported if fit is one else 17.0
     assert remainder.stands_above_noise(state, one) is stands
+
+
+@pytest.mark.parametrize(
+    ("tied", "named"),
+    [
+        ([], ("speed_lag", "asymmetric_friction")),
+        ([("brush_drop", "speed_lag")], ("speed_lag", "asymmetric_friction")),
+        ([("asymmetric_friction",)], ("speed_lag", "asymmetric_friction")),
+        (
+            [("brush_drop", "speed_lag"), ("coulomb_friction", "speed_lag")],
+            ("coulomb_friction", "speed_lag"),
+        ),
+    ],
+)
+def test_a_tied_special_case_is_named_in_place_of_its_general_effect(
+    tied: list[tuple[str, ...]], named: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = SimpleNamespace(ids=("speed_lag", "asymmetric_friction"))
+    rivals = [SimpleNamespace(ids=ids) for ids in tied]
+    of_special = [SimpleNamespace(ids=("viscous_friction", "speed_lag"))]
+    monkeypatch.setattr(
+        decision, "established_rivals", lambda _, one, __: rivals if one is part else of_special
+    )
+    found, left = decision.leanest_established(None, part, {})
+    assert found.ids == named
+    assert left == (rivals if found is part else of_special)

@@ -4,7 +4,7 @@ what the set leaves (docs/spec/gap.md, section 5).
 
 from dataclasses import dataclass, replace
 
-from vgroove.gap.catalogue import SPECIAL_CASES
+from vgroove.gap.catalogue import SPECIAL_CASES, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.intervals import in_catalogue_form
@@ -114,10 +114,23 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     if other is not None:
         found = established_set(other.search, other.best, covariates)
         if key(found.ids) != key(part.ids) and len(found.ids) >= len(part.ids):
-            rivals = established_rivals(other, found, covariates)
+            found, rivals = leanest_established(other, found, covariates)
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
             return Established(best, rivals, other.search)
-    return Established(part, established_rivals(selection, part, covariates), search)
+    return Established(*leanest_established(selection, part, covariates), search)
+
+
+def leanest_established(
+    selection: Selection, part: Fit, covariates: Covariates
+) -> tuple[Fit, list[Fit]]:
+    """The established set, or a tied special case of it, and its rivals: among sets that predict
+    equally well the one of fewer parameters is named.
+    """
+    rivals = established_rivals(selection, part, covariates)
+    for rival in rivals:
+        if len(rival.ids) == len(part.ids) and contains(part.ids, rival.ids):
+            return leanest_established(selection, rival, covariates)
+    return part, rivals
 
 
 def established_rivals(selection: Selection, part: Fit, covariates: Covariates) -> list[Fit]:
