@@ -197,3 +197,28 @@ def test_whitened_residuals_replace_an_established_set_by_no_smaller_one(
     assert (found.search is state) is (named == 1)
     assert_consistent(state, found.best)
     assert all(state.fits[key(f.ids)] is f for f in found.rivals)
+
+
+@pytest.mark.parametrize("in_whitened", [False, True])
+def test_a_tied_special_case_is_the_established_part(
+    in_whitened: bool, far_search: Search, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the residuals as they are, and in whitened ones where these establish more members."""
+    state, more = far_search, ("current_gain",) if in_whitened else ()
+
+    def established(search: Search, best: Fit, _: object) -> Fit:
+        return fit_set(
+            search, ("asymmetric_friction", *(more if search is not state else ())), best
+        )
+
+    def rivals(selection: Selection, part: Fit, _: object) -> list[Fit]:
+        if "asymmetric_friction" not in part.ids:
+            return []
+        return [fit_set(selection.search, ("coulomb_friction", *part.ids[1:]), part)]
+
+    monkeypatch.setattr(decision, "established_set", established)
+    monkeypatch.setattr(decision, "established_rivals", rivals)
+    found = decision.established_part(Selection(state, state.retuned, []), {})
+    assert set(found.best.ids) == {"coulomb_friction", *more}
+    assert (found.search is not state) is in_whitened
+    assert found.rivals == []

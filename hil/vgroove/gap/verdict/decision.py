@@ -123,8 +123,9 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
 def leanest_established(
     selection: Selection, part: Fit, covariates: Covariates
 ) -> tuple[Fit, list[Fit]]:
-    """The established set, or a tied special case of it, and its rivals: among sets that predict
-    equally well the one of fewer parameters is named.
+    """The established set that is named, with its rivals. Rivals predict the logs equally well. One
+    that differs from the set only by special cases of its effects (a Coulomb friction in place of
+    an asymmetric one) has fewer parameters and is named in the set's place.
     """
     rivals = established_rivals(selection, part, covariates)
     for rival in rivals:
