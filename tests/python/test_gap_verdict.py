@@ -895,20 +895,33 @@ def test_reused_nuisance_columns_lead_to_the_same_fit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("is_bound", "retuned", "expected"),
-    [(True, 1.2, False), (True, 1.22, True), (False, 0.9, True)],
+    ("is_known", "retuned", "expected"),
+    [((True, True), 1.2, False), ((True, True), 1.22, True), ((True, False), 0.9, True)],
 )
-def test_where_sigma_is_an_upper_bound_a_gap_must_be_visible_in_a_column(
-    is_bound: bool, retuned: float, expected: bool
+def test_where_the_noise_is_known_a_gap_must_be_visible_in_a_column(
+    is_known: tuple[bool, bool], retuned: float, expected: bool
 ) -> None:
     """Two columns share the rows; the other one is far below the noise."""
     state = SimpleNamespace(
-        problem=SimpleNamespace(sigma_is_bound=is_bound),
+        noise_is_known=np.array(is_known),
         retuned=None,
         floor_by_column=np.array([0.5, 0.5]),
         loss_by_column=lambda _: np.array([0.5 * retuned, 0.2]),
     )
     assert search_state.Search.may_have_gap.func(state) is expected
+
+
+@pytest.mark.parametrize(
+    ("is_bound", "stated", "known"),
+    [(False, {"current_noise_a": 0.1}, [True, False]), (True, {}, [True, True])],
+)
+def test_the_noise_of_a_column_is_known_where_the_rig_states_it_or_it_is_a_bound(
+    is_bound: bool, stated: dict[str, float], known: list[bool]
+) -> None:
+    rig = SimpleNamespace(sensors=stated)
+    problem = SimpleNamespace(sigma_is_bound=is_bound, rig=rig)
+    state = SimpleNamespace(problem=problem, columns=["current_a", "position_rad"])
+    assert search_state.Search.noise_is_known.fget(state).tolist() == known
 
 
 # A set that closes a tenth of a squared gap of 101 far from the noise leaves 91.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.gap.catalogue import CONVENTIONS_AT_LOWER_BOUND, Effect
+from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
@@ -203,8 +204,20 @@ class Search:
         hammering tool are made from one column.
         """
         names = [signal.column.split(".")[0] for signal in self.problem.signals]
-        order = list(dict.fromkeys(names))
-        return np.array([order.index(name) for name in names])[self.problem.signal]
+        return np.array([self.columns.index(name) for name in names])[self.problem.signal]
+
+    @cached_property
+    def columns(self) -> list[str]:
+        """Columns of the log that are compared."""
+        return list(dict.fromkeys(s.column.split(".")[0] for s in self.problem.signals))
+
+    @property
+    def noise_is_known(self) -> np.ndarray:
+        """Whether each column's standard deviation (columns,) is stated by the rig, or is an upper
+        bound. One that is estimated from the scatter of a log contains a gap that is as fast.
+        """
+        stated = [NOISE_KEYS.get(name) in self.problem.rig.sensors for name in self.columns]
+        return np.array(stated) | self.problem.sigma_is_bound
 
     def by_column(self, weights: np.ndarray) -> np.ndarray:
         """Sums (columns,) of weights (n,) over the residuals of each column of the log."""
@@ -425,14 +438,13 @@ class Search:
 
     @cached_property
     def may_have_gap(self) -> bool:
-        """Whether there may be a gap: not where the standard deviations are upper bounds and
-        retuning leaves no visible gap in any column of the log. Chance alone lets one trajectory of
-        an irregular motion follow another one.
+        """Whether there may be a gap: not where the noise of all columns of the log is known and
+        retuning leaves a visible gap in none. A set that predicts better than the noise allows
+        follows the noise, or one irregular trajectory by chance.
         """
-        if not self.problem.sigma_is_bound:
-            return True
         visible = (1.0 + COMPARISON.visible_excess) * self.floor_by_column
-        return bool(np.any(self.loss_by_column(self.retuned) > visible))
+        is_visible = self.loss_by_column(self.retuned) > visible
+        return bool(np.any(is_visible | ~self.noise_is_known))
 
     def leaves_gap(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap."""
