@@ -183,6 +183,30 @@ def test_an_inertia_known_to_forty_percent_is_retuned(factor: float) -> None:
     assert value == pytest.approx(factor * TOOL["motor"]["inertia_kg_m2"], rel=0.01)
 
 
+@pytest.mark.parametrize("sigma", [0.01, 0.1, 0.4, 1.0])
+@pytest.mark.parametrize(
+    ("key", "effect"),
+    [
+        (INERTIA, "added_inertia"),
+        ("motor.resistance_ohm", "bridge_resistance"),
+        ("motor.coulomb_nm", "coulomb_friction"),
+        ("motor.viscous_nm_s_per_rad", "viscous_friction"),
+    ],
+)
+def test_an_effect_leaves_some_of_a_value_wherever_its_tolerance_ends(
+    key: str, effect: str, sigma: float
+) -> None:
+    tool = rig(tolerance={key: sigma})
+    log = drive_log(rig(), seconds=0.5, levels=[(0.1, 0.5)])
+    problem = load_problem([log], tool)
+    builder = HypothesisBuilder(problem, effect_scales(problem), tool.tolerance)
+    (hypothesis, *_) = builder.hypotheses([BY_ID[effect]], builder.nuisance(), np.zeros(1))
+    (theta,) = hypothesis.theta(problem.theta0, hypothesis.low[None, :])
+    added = theta[problem.index(BY_ID[effect].name(BY_ID[effect].leading))]
+    assert added < 0.0 <= theta[problem.index(key)] * (1.0 + 1e-9) + added
+    problem.residuals(theta)
+
+
 def test_a_log_with_an_inertia_known_to_forty_percent_is_diagnosed() -> None:
     tool = rig(tolerance={INERTIA: 0.4})
     log = drive_log(

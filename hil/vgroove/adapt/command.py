@@ -57,14 +57,14 @@ def adapt_command(
     if drives:
         with step_bar(2 * drives, "drives on the plant") as tick:
             compared = check(tool, found, drives, tick)
-    console = table_console(output, json_path)
-    print_results(console, [found.sentence], adapt_tables(found, compared))
     files: list[tuple[Path, bytes | str]] = []
     if json_path:
         files.append((json_path, json_text({**found.as_dict(), "check": compared})))
     if output:
         files.append((output, adapted_image(elf, found.image, output.suffix[1:])))
     write_all(files)
+    console = table_console(output, json_path)
+    print_results(console, [found.sentence], adapt_tables(found, compared))
     if port:
         write_parameters(port, found.parameters, baud)
         print_line(Console(stderr=True), f"{len(found.parameters)} parameters written to {port}.")

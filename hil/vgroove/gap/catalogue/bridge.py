@@ -42,7 +42,7 @@ EFFECTS = (
                 "resistance_ohm",
                 "ohm",
                 lambda s: 0.05 * s.resistance,
-                lambda s: -0.9 * s.resistance,
+                lambda s: -0.9 * s.resistance * s.least_share("motor.resistance_ohm"),
                 lambda s: 3.0 * s.resistance,
                 physical="low",
                 plausible=lambda s: 0.3 * s.resistance,

@@ -5,8 +5,8 @@ the keys of a rig, the fits of the diagnosis, the scores of the blind set and th
 pages. Standard library only: the plant's build reads the catalogue.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from math import inf
 
 from .keys import ANY, Key, choice
@@ -27,7 +27,8 @@ class Scales:
     clock: standard deviation of the relative error of the logger's clock. hammering: whether the
     tool has an impact mechanism; of such a tool, else 0: head_rad, the angle (rad) by which the
     joint's head turns in the longest log, and joint_nm, the largest torque (N m) of the joint, both
-    of the rig's simulation.
+    of the rig's simulation. least: the share that is left of a
+    value of the rig at the lower end of its tolerance, by rig key.
     """
 
     volt: float
@@ -49,6 +50,13 @@ class Scales:
     hammering: bool = False
     head_rad: float = 0.0
     joint_nm: float = 0.0
+    least: Mapping[str, float] = field(default_factory=dict)
+
+    def least_share(self, key: str) -> float:
+        """Share that is left of a value of the rig at the lower end of its tolerance: an effect
+        that is subtracted from the value must leave some of it there too.
+        """
+        return self.least.get(key, 1.0)
 
 
 OfScales = Callable[[Scales], float]

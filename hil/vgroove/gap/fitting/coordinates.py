@@ -9,7 +9,13 @@ from itertools import product
 import numpy as np
 
 from vgroove.gap.catalogue import Effect, Parameter, Scales
-from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate, Fit, Hypothesis
+from vgroove.gap.fitting.hypothesis import (
+    MAX_NUISANCE_SIGMAS,
+    Coordinate,
+    Fit,
+    Hypothesis,
+    log_sigma,
+)
 from vgroove.gap.residual.protocol import MeasuredProblem
 
 # start of amplitude cos(phase) and of amplitude sin(phase) of a periodic effect, in the effect's
@@ -61,7 +67,7 @@ class HypothesisBuilder:
             value = float(self.problem.theta0[column])
             if sigma > 0.0 and value != 0.0:
                 limit = MAX_NUISANCE_SIGMAS
-                scale = (float(np.sqrt(np.log1p(sigma**2))),)
+                scale = (log_sigma(sigma),)
                 found.append(
                     Coordinate(
                         name,

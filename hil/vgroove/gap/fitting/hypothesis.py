@@ -14,6 +14,18 @@ DIFFERENCE_STEP = 0.1
 MAX_RELATIVE_STEP = 0.1
 
 
+def log_sigma(sigma: float) -> float:
+    """Standard deviation of the logarithm of a value with a relative standard deviation, under a
+    log-normal prior.
+    """
+    return float(np.sqrt(np.log1p(sigma**2)))
+
+
+def least_share(sigma: float) -> float:
+    """Share of a value with a relative standard deviation at the lower bound of its fit."""
+    return float(np.exp(-MAX_NUISANCE_SIGMAS * log_sigma(sigma)))
+
+
 @dataclass(frozen=True)
 class Coordinate:
     """One fitted number x: theta[columns] = origin + factors * x, with x taken as 0 where

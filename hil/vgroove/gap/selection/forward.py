@@ -65,7 +65,10 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
     ) > STEPWISE.max_part_left_by_two * search.excess_power(base):
         return None
     search.fit_and_keep(distinct_hypotheses(candidates))
-    both = prefer_special_cases(search, search.ranked(len(larger.ids) + 1)[0], base)
+    sets = search.ranked(len(larger.ids) + 1)
+    if not sets:
+        return None
+    both = prefer_special_cases(search, sets[0], base)
     return both if search.is_better(both, base, 2.0 * COMPARISON.min_gain) else None
 
 

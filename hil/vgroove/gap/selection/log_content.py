@@ -8,6 +8,7 @@ import numpy as np
 
 from vgroove.gap.catalogue import Effect, Scales, available
 from vgroove.gap.cleaning.missing_values import interpolate_missing
+from vgroove.gap.fitting.hypothesis import least_share
 from vgroove.gap.residual.magnitude import robust_magnitude
 from vgroove.gap.residual.problem import Problem
 from vgroove.units import RAD_S_PER_RPM
@@ -140,4 +141,5 @@ def effect_scales(problem: Problem) -> Scales:
         hammering=rig.mechanism["kind"] == "impact",
         head_rad=problem.head_rad,
         joint_nm=problem.joint_nm,
+        least={key: least_share(sigma) for key, sigma in rig.tolerance.items()},
     )
