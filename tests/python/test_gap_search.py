@@ -247,7 +247,7 @@ def test_two_further_effects_are_tried_while_a_gap_is_left(
 def test_two_further_effects_of_which_every_fit_ends_at_a_bound_are_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    state = Stepped([9.0, 4.0, 3.96, 1.0], {1: True, 2: False, 3: True})
+    state = Stepped([9.0, 4.0, 3.94, 1.0], {1: True, 2: False, 3: True})
     base, larger, both = (state.ranked(size)[0] for size in (1, 2, 3))
     monkeypatch.setattr(forward, "extensions", lambda *_: [both])
     monkeypatch.setattr(forward, "distinct_hypotheses", lambda fits: fits)
