@@ -2,6 +2,7 @@
 
 import json
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.firmware_replay.claim import FirmwareClaim, read_claim
+from vgroove.firmware_replay.closed_loop import WIDTHS
 from vgroove.firmware_replay.delay import actuation_delay_ms
 from vgroove.firmware_replay.kinds import judge_firmware
 from vgroove.firmware_replay.rows import replay_rows
@@ -21,6 +23,7 @@ from vgroove.firmware_replay.search import replay
 from vgroove.gap import command
 from vgroove.log import Log
 from vgroove.page import Page
+from vgroove.rig import Rig, rig_from_dict
 from vgroove.rig_template import template_text
 
 FOLDER = Path(__file__).resolve().parents[1] / "firmware_gap"
@@ -195,9 +198,13 @@ def test_the_command_writes_the_section(tmp_path: Path) -> None:
 
 
 class NoGap:
-    """A verdict in place of a diagnosis, which takes minutes."""
+    """A verdict in place of a diagnosis, which takes minutes, and its corrected rig."""
 
     warnings: tuple[str, ...] = ()
+
+    def corrected_rig(self) -> Rig:
+        free = rig_from_dict(tomllib.loads(template_text("free")), "test")
+        return free.with_values({"motor.resistance_ohm": 1.5 * free.value("motor.resistance_ohm")})
 
     def as_dict(self) -> dict[str, str]:
         return {"schema": "vgroove.gap/1", "verdict": "none"}
@@ -221,6 +228,9 @@ def test_a_diagnosis_adds_the_section(tmp_path: Path, monkeypatch: pytest.Monkey
     assert done.exit_code == 0 and "gives every duty" in done.output
     verdict = json.loads(out.read_text(encoding="utf-8"))
     assert verdict["verdict"] == "none" and verdict["firmware"]["verdict"] == "none"
+    loop = verdict["firmware"]["logs"][0]["closed_loop"]
+    assert loop["nominal"]["time_s"] > 0.25 and loop["corrected"]["signal"] in WIDTHS
+    assert "closed loop with the rig" in page.read_text(encoding="utf-8")
     assert "<td>as believed</td>" in page.read_text(encoding="utf-8")
     CliRunner().invoke(app, arguments)
     assert "as believed" not in page.read_text(encoding="utf-8")

@@ -1,6 +1,7 @@
 """The command `vgroove gap firmware`, and the section `firmware` of a verdict."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from vgroove.firmware_replay.kinds import FirmwareResult
     from vgroove.log import ColumnMap
+    from vgroove.rig import Rig
 
 app = typer.Typer()  # its command is one of `vgroove gap`
 SCHEMA = "vgroove.firmware/1"
@@ -33,6 +35,27 @@ def firmware_results(
 
     claim = read_claim(claim_path)
     return [judge_firmware(read_log(path, columns), claim) for path in logs]
+
+
+def with_closed_loops(
+    results: "Sequence[FirmwareResult]",
+    logs: Sequence[Path],
+    claim_path: Path,
+    columns: "ColumnMap",
+    tools: "Sequence[tuple[Rig, Rig]]",
+) -> "list[FirmwareResult]":
+    """The results with the closed loop of each log; tools: of each the rig, and the corrected one.
+    VgrooveError for a rig that cannot be simulated with a board.
+    """
+    from vgroove.firmware_replay.claim import read_claim
+    from vgroove.firmware_replay.closed_loop import closed_loop
+    from vgroove.log import read_log
+
+    claim = read_claim(claim_path)
+    return [
+        replace(result, closed_loop=closed_loop(read_log(path, columns), *pair, claim))
+        for result, path, pair in zip(results, logs, tools, strict=True)
+    ]
 
 
 def firmware_section(results: "Sequence[FirmwareResult]") -> dict[str, Any]:

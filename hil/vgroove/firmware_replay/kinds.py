@@ -10,6 +10,7 @@ import numpy as np
 from vgroove import _replay, telemetry
 from vgroove.control_bench.runs import parameter
 from vgroove.firmware_replay.claim import FirmwareClaim
+from vgroove.firmware_replay.closed_loop import ClosedLoop
 from vgroove.firmware_replay.delay import LIMITS, actuation_delay_ms
 from vgroove.firmware_replay.rows import COMPARE, COMPARE_TOP, STATE, TRIGGER, replay_rows
 from vgroove.firmware_replay.search import FoundParameter, ParameterSearch, Parting, replay
@@ -24,23 +25,26 @@ SHIFT_ROWS = 12  # largest shift of the trigger that is tried
 class FirmwareResult:
     """Verdict on the firmware of a log: `kind` is empty without a gap; `first` is the first tick
     that the believed firmware does not give (time_s, signal, logged, expected), and `details` holds
-    what a kind has besides.
+    what a kind has besides. closed_loop: with the simulated tool, where there is a rig.
     """
 
     log: str
     kind: str
     first: dict[str, Any] | None = None
     details: dict[str, Any] = field(default_factory=dict)
+    closed_loop: ClosedLoop | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         verdict = FIRMWARE if self.kind else NONE
         base = {"log": self.log, "verdict": verdict, "kind": self.kind or None}
-        return {**base, "first": self.first, **self.details}
+        loop = {"closed_loop": self.closed_loop.as_dict()} if self.closed_loop else {}
+        return {**base, "first": self.first, **self.details, **loop}
 
     def summary(self) -> list[str]:
         """Sentences for the terminal."""
-        return [f"{self.log}: {text}" for text in self._sentences()]
+        loop = [self.closed_loop.sentence()] if self.closed_loop else []
+        return [f"{self.log}: {text}" for text in (*self._sentences(), *loop)]
 
     def _sentences(self) -> list[str]:
         if not self.kind:

@@ -11,7 +11,11 @@ import tomli_w
 import typer
 from rich.console import Console
 
-from vgroove.firmware_replay.command import firmware_results, firmware_section
+from vgroove.firmware_replay.command import (
+    firmware_results,
+    firmware_section,
+    with_closed_loops,
+)
 from vgroove.firmware_replay.kinds import FirmwareResult
 from vgroove.firmware_replay.page import firmware_table
 from vgroove.gap import DiagnosisOptions, Verdict, diagnose
@@ -20,6 +24,7 @@ from vgroove.gap.cases import Case, CaseResult, above_text, junit_text
 from vgroove.gap.stage_shares import StageShare
 from vgroove.output import check_outputs, json_text, write_all
 from vgroove.progress import share_bar
+from vgroove.reference.rigs import with_load
 from vgroove.rig import Rig, read_joints, read_rig
 from vgroove.terminal import print_line, print_warning, result_console
 
@@ -67,6 +72,9 @@ def diagnose_files(inputs: InputPaths, outputs: OutputPaths, options: DiagnosisO
     options = replace(options, joints=read_joints(inputs.joints, rig, len(logs)))
     replayed = _replayed(inputs, options)
     verdict = _diagnosed(logs, rig, options, notes)
+    if inputs.firmware is not None:
+        tools = _tools_of_logs(rig, verdict.corrected_rig(), options.joints, len(logs))
+        replayed = with_closed_loops(replayed, logs, inputs.firmware, options.columns, tools)
     name = ", ".join(path.name for path in logs)
     result = CaseResult(Case(name, logs, inputs.rig), time.monotonic() - begin, verdict)
     texts = output_texts(verdict, [path.name for path in logs], outputs, replayed)
@@ -86,6 +94,13 @@ def _replayed(inputs: InputPaths, options: DiagnosisOptions) -> list[FirmwareRes
     if inputs.firmware is None:
         return []
     return firmware_results(inputs.logs, inputs.firmware, options.columns)
+
+
+def _tools_of_logs(
+    rig: Rig, corrected: Rig, joints: Sequence[Rig], logs: int
+) -> list[tuple[Rig, Rig]]:
+    """The rig and the corrected one of each log, on its own joint where it has one."""
+    return [(tool, with_load(corrected, tool.load)) for tool in joints] or [(rig, corrected)] * logs
 
 
 def _diagnosed(
