@@ -28,8 +28,8 @@ std::uint32_t effects_of(const Parameters &p) {
     std::uint32_t on = effect_switches(e);
     on |= split ? EFFECT_TWO_BODIES : 0u;
     on |= split && e.gear_backlash.play_rad > 0.0 ? EFFECT_PLAY : 0u;
-    on |=
-        e.speed_lag.time_constant_s > 0.0 && e.speed_lag.delay_form == 0.0 ? EFFECT_SPEED_LAG : 0u;
+    on |= e.speed_lag.time_constant_s > 0.0 && e.speed_lag.lag_form == LAG_FILTER ? EFFECT_SPEED_LAG
+                                                                                  : 0u;
     on |= shifts_command(e) ? EFFECT_COMMAND_SHIFT : 0u;
     return on;
 }

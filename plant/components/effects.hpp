@@ -9,6 +9,9 @@
 
 namespace vgroove {
 
+// Parameter lag_form of the effect speed_lag
+constexpr double LAG_FILTER = 0.0, LAG_DELAY = 1.0, LAG_MEAN = 2.0;
+
 // Switches that depend on more than one effect or on the rig; the others are generated.
 // TWO_BODIES: motor and output side move separately. PLAY: with a play between them. SPEED_LAG: by
 // a filter, not as a delay. COMMAND_SHIFT: the command column is shifted against the rows.

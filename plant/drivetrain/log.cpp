@@ -96,8 +96,9 @@ static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::si
     return full;
 }
 
-// Replaces speed and angle of each row by those one delay earlier: cubic between rows (value and
-// slope at both ends). Before the start the shaft has the speed of the start.
+// Replaces speed and angle of each row by those one delay earlier, or the speed by its mean over
+// the last two delays: cubic between rows (value and slope at both ends). Before the start the
+// shaft has the speed of the start.
 static void delay_measured(const LogInput &in, const Parameters &p, const LogStarts &starts,
                            double *speed, double *angle) {
     const std::size_t count = in.time_s.size();
@@ -105,27 +106,34 @@ static void delay_measured(const LogInput &in, const Parameters &p, const LogSta
         p.effects.speed_lag.time_constant_s *
         (p.effects.clock_skew.command_clock != 0.0 ? 1.0 : 1.0 + p.effects.clock_skew.relative);
     const double to_true = delay > 0.0 ? p.effects.speed_lag.time_constant_s / delay : 1.0;
+    const bool averages = p.effects.speed_lag.lag_form == LAG_MEAN;
+    const double back = averages ? 2.0 * delay : delay;
     const std::vector<double> w(speed, speed + count), th(angle, angle + count);
     for (std::size_t which = 0; which < starts.rows.size(); ++which) {
         const std::size_t first = starts.rows[which];
         const std::size_t end = which + 1 < starts.rows.size() ? starts.rows[which + 1] : count;
         std::size_t left = first;
         for (std::size_t row = first; row < end; ++row) {
-            const double at = in.time_s[row] - delay;
-            if (at <= in.time_s[first]) {
-                speed[row] = w[first];
-                angle[row] = th[first] + w[first] * (at - in.time_s[first]) * to_true;
-                continue;
+            const double at = in.time_s[row] - back;
+            double late_speed = w[first];
+            double late_angle = th[first] + w[first] * (at - in.time_s[first]) * to_true;
+            if (at > in.time_s[first]) {
+                while (left + 1 < row && in.time_s[left + 1] <= at)
+                    ++left;
+                const double h = (in.time_s[left + 1] - in.time_s[left]) * to_true;
+                const double u = (at - in.time_s[left]) * to_true / h;
+                const double rise = th[left + 1] - th[left], a = h * w[left] - rise,
+                             b = -h * w[left + 1] + rise;
+                const double bend = (1.0 - u) * a + u * b;
+                late_angle = th[left] + u * rise + u * (1.0 - u) * bend;
+                late_speed = (rise + (1.0 - 2.0 * u) * bend + u * (1.0 - u) * (b - a)) / h;
             }
-            while (left + 1 < row && in.time_s[left + 1] <= at)
-                ++left;
-            const double h = (in.time_s[left + 1] - in.time_s[left]) * to_true;
-            const double u = (at - in.time_s[left]) * to_true / h;
-            const double rise = th[left + 1] - th[left], a = h * w[left] - rise,
-                         b = -h * w[left + 1] + rise;
-            angle[row] = th[left] + u * rise + u * (1.0 - u) * ((1.0 - u) * a + u * b);
-            speed[row] =
-                (rise + (1.0 - 2.0 * u) * ((1.0 - u) * a + u * b) + u * (1.0 - u) * (b - a)) / h;
+            if (averages) {
+                speed[row] = (th[row] - late_angle) / (back * to_true);
+            } else {
+                speed[row] = late_speed;
+                angle[row] = late_angle;
+            }
         }
     }
 }
@@ -179,7 +187,7 @@ void simulate_log(const LogInput &in, const double *theta, std::size_t batch,
         if (exhausted[row] != NOT_EXHAUSTED && !options.keep_unfinished)
             throw_exhausted(in, theta, row, exhausted[row]);
         const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
-        if (p.effects.speed_lag.time_constant_s > 0.0 && p.effects.speed_lag.delay_form != 0.0)
+        if (p.effects.speed_lag.time_constant_s > 0.0 && p.effects.speed_lag.lag_form != LAG_FILTER)
             delay_measured(in, p, starts, out.speed_measured_rad_s + row * count,
                            out.angle_measured_rad + row * count);
     }

@@ -177,8 +177,8 @@ static double measured_angle(const ImpactSolver<L> &s, const Parameters &p,
     return sensors_measured_angle(d.sensors, d.effects, p, shaft_of<L>(x));
 }
 
-// Effect speed_lag as a delay: measured speed and angle one delay before the end of each row.
-// Before the start the shaft is at rest.
+// Effect speed_lag as a delay: measured speed and angle one delay before the end of each row; as a
+// mean: the angle two delays before it. Before the start the shaft is at rest.
 struct DelayedRow {
     double due_s, speed, angle;
 };
@@ -186,13 +186,24 @@ struct DelayedWheel {
     Parameters parameters;
     std::vector<DelayedRow> rows;  // empty without a delay
     std::size_t next = 0;          // first that no step has reached
+    double mean_s = 0.0;           // window of the mean, 0 for a delay
 
     void prepare(const LogInput &in, double row_scale, const Parameters &p) {
         parameters = p;
+        const double delay = p.effects.speed_lag.time_constant_s;
+        mean_s = p.effects.speed_lag.lag_form == LAG_MEAN ? 2.0 * delay : 0.0;
         for (const double time_s : in.time_s)
             rows.push_back(
-                {(time_s - in.time_s[0]) * row_scale - p.effects.speed_lag.time_constant_s, 0.0,
-                 0.0});
+                {(time_s - in.time_s[0]) * row_scale - std::max(delay, mean_s), 0.0, 0.0});
+    }
+
+    // Measured speed and angle of a row, from those of its end.
+    DelayedRow measured(std::size_t row, double speed, double angle) const {
+        if (rows.empty())
+            return {0.0, speed, angle};
+        if (mean_s == 0.0)
+            return rows[row];
+        return {0.0, (angle - rows[row].angle) / mean_s, angle};
     }
 
     template <class L> void step(ImpactSolver<L> &s, double h, double share) {
@@ -247,7 +258,8 @@ static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, 
     const ImpactState<L> present = impact_present(s);
     const double *x = present.x;
     const ImpactPoint now = present_point(s, present, row == 0);
-    const bool delays = !run.delayed.rows.empty();
+    const DelayedRow measured =
+        run.delayed.measured(row, measured_speed(s, p, present), measured_angle(s, p, present));
     const double per_s = row > 0 ? 1.0 / run.reader.row_s(row) : 0.0;
     const double current = row > 0 ? (x[STATE_CURRENT_TIME] - run.charge_as) * per_s : now.i;
     const double bus = row > 0 ? (x[STATE_BUS_TIME] - run.bus_vs) * per_s : now.bus_v;
@@ -255,9 +267,9 @@ static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, 
         sensors_measured_current(p, current),
         bus * (1.0 + p.effects.supply_gain.relative),
         x[STATE_SPEED],
-        delays ? run.delayed.rows[row].speed : measured_speed(s, p, present),
+        measured.speed,
         x[STATE_ANGLE],
-        delays ? run.delayed.rows[row].angle : measured_angle(s, p, present),
+        measured.angle,
         now.joint_nm,
         x[L::ANVIL_ANGLE],
         now.head_rad,
@@ -361,7 +373,7 @@ static void prepare(LogRun<L> &run, const ImpactJob &job, std::size_t batch_row,
     if (batch_row == 0 && !out.trace_s.empty())
         run.tracer = {&out, in.time_s[0], run.reader.row_scale(), 0};
     if (run.parameters.effects.speed_lag.time_constant_s > 0.0 &&
-        run.parameters.effects.speed_lag.delay_form != 0.0)
+        run.parameters.effects.speed_lag.lag_form != LAG_FILTER)
         run.delayed.prepare(in, run.reader.row_scale(), run.parameters);
     s.cancellation = out.cancellation;
     s.parameters = &run.parameters;

@@ -4,11 +4,13 @@
 #include <cmath>
 #include <utility>
 
+#include "components/effects.hpp"
+
 namespace vgroove {
 
 HallFaults hall_faults(const Parameters &p) {
     return {p.effects.hall_dropout.probability,
-            p.effects.speed_lag.delay_form != 0.0
+            p.effects.speed_lag.lag_form == LAG_DELAY
                 ? std::llround(p.effects.speed_lag.time_constant_s * CPU_HZ)
                 : 0};
 }

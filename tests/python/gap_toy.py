@@ -126,7 +126,7 @@ class Toy:
         self.parameters = [
             *RIG,
             *(e.name(p) for e in CATALOGUE for p in e.parameters),
-            "effects.speed_lag.delay_form",
+            "effects.speed_lag.lag_form",
             "effects.clock_skew.command_clock",
         ]
         self.theta0 = np.array([RIG.get(n, NEUTRAL.get(n, 0.0)) for n in self.parameters])

@@ -319,7 +319,7 @@ class Drivetrain:
         if d := tool.on("current_lag"):
             dy[IF] = (i - y[IF]) / d["time_constant_s"]
         if d := tool.on("speed_lag"):
-            if not d.get("delay_form"):
+            if not d.get("lag_form"):
                 hall = tool.on("hall_eccentricity")
                 seen = (
                     y[W] * (1 + hall["amplitude_rad"] * np.cos(y[TH] + hall.get("phase_rad", 0.0)))
@@ -492,7 +492,7 @@ def columns(
     if hall := tool.on("hall_eccentricity"):
         a, phase = hall["amplitude_rad"], hall.get("phase_rad", 0.0)
         speed, angle = speed * (1 + a * np.cos(angle + phase)), angle + a * np.sin(angle + phase)
-    if (lag := tool.on("speed_lag")) and not lag.get("delay_form"):
+    if (lag := tool.on("speed_lag")) and not lag.get("lag_form"):
         speed, angle = y[:, WF], angle - lag["time_constant_s"] * y[:, WF]
     gain_w = 1 + tool.get("speed_gain", "relative")
     return {

@@ -22,7 +22,8 @@ from vgroove.gap.selection.model_comparison import (
     typical_value_interval,
 )
 from vgroove.gap.selection.options import DiagnosisOptions
-from vgroove.gap.verdict import decision, effect_findings, gap_figures, remainder
+from vgroove.gap.selection.parameter_estimate import ParameterEstimate
+from vgroove.gap.verdict import decision, effect_findings, established, gap_figures, remainder
 from vgroove.gap.verdict.schema import EffectFinding
 
 FLOOR = 1.0
@@ -503,6 +504,22 @@ def test_an_effect_that_closes_no_visible_gap_is_not_named(
     )
 
 
+@pytest.mark.parametrize(
+    ("rival", "members", "counts"),
+    [
+        (("a",), True, False),  # a part of the set
+        (("a", "c"), True, True),
+        (("a", "c"), False, False),
+    ],
+)
+def test_a_rival_has_another_member_that_may_be_present(
+    rival: tuple[str, ...], members: bool, counts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(established, "Member", lambda *_: SimpleNamespace(is_rival=members))
+    one, best = SimpleNamespace(ids=rival), SimpleNamespace(ids=("a", "b"))
+    assert established.is_established_rival(None, one, best, {}) is counts
+
+
 def test_intervals_over_few_blocks_are_wider() -> None:
     # Student's t for 5 degrees of freedom
     assert small_sample_factor(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
@@ -698,6 +715,7 @@ def test_of_a_set_that_leaves_a_remainder_the_established_members_are_named(
     monkeypatch.setattr(decision, "established_set", lambda *_: left)
     monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(significant))
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, named_gap(after, count)), structure(significant), {})
     assert (found.verdict, len(found.best.ids)) == (verdict, named)
 
@@ -739,8 +757,59 @@ def test_a_set_without_established_members_is_named_only_near_the_noise(
     """Squared gaps: 40 before the fit; either set closes more than 0.9 of it."""
     state, best = Scored(40.0, 40.0, after), named_gap(after, 1)
     monkeypatch.setattr(decision, "established_set", lambda search, *_: search.retuned)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, best), structure(True), {})
     assert (found.verdict, found.best) == (verdict, best)
+
+
+@pytest.mark.parametrize(
+    ("unknown", "after", "verdict", "named"),
+    [
+        ("", 1.0, "effect", "ab"),
+        ("a", 1.0, "effect", "b"),
+        ("a", 15.0, "unlisted", "ab"),  # the other one closes too little
+        ("ab", 1.0, "unlisted", "ab"),
+    ],
+)
+def test_a_member_whose_size_may_be_none_is_not_named(
+    unknown: str, after: float, verdict: str, named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The set leaves 1.0 of 40, its members without the unknown ones `after`."""
+    state, best = Scored(40.0, 40.0, 1.0), named_gap(1.0, 2)
+
+    def without(_: object, one: Named, member: str) -> Named:
+        leaner = Named(after)
+        leaner.ids = tuple(i for i in one.ids if i != member)
+        return leaner
+
+    monkeypatch.setattr(decision, "fit_without", without)
+    monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
+    monkeypatch.setattr(
+        decision, "unknown_sizes", lambda _, one: [i for i in one.ids if i in unknown]
+    )
+    found = decision.with_known_sizes(selected(state, best), structure(False))
+    assert (found.verdict, found.best.ids) == (verdict, tuple(named))
+
+
+@pytest.mark.parametrize(
+    ("effect", "intervals", "known"),
+    [
+        ("winding_resistance", {"relative": (0.01, 0.2)}, True),
+        ("winding_resistance", {"relative": (-0.3, -0.1)}, True),
+        ("winding_resistance", {"relative": (-0.01, 0.2)}, False),
+        ("winding_resistance", {"relative": None}, True),  # not fitted
+        ("asymmetric_friction", {"forward_nm": (-1.0, 1.0), "backward_nm": (0.1, 1.0)}, True),
+        ("asymmetric_friction", {"forward_nm": (-1.0, 1.0), "backward_nm": (-0.1, 1.0)}, False),
+        ("cogging_torque", {"torque_nm": (-1.0, 1.0), "periods_per_rev": (5.0, 7.0)}, False),
+        # off at infinity: its other numbers are 0 without it
+        ("coupler_compliance", {"stiffness_nm_per_rad": (-1.0, 1.0), "damping_ratio": None}, True),
+    ],
+)
+def test_a_size_is_known_where_its_interval_does_not_contain_zero(
+    effect: str, intervals: dict[str, tuple[float, float] | None], known: bool
+) -> None:
+    parameters = {n: ParameterEstimate(0.0, ends, "1") for n, ends in intervals.items()}
+    assert decision.is_known_size(parameters, BY_ID[effect]) is known
 
 
 # Squared gaps: the retuned model leaves 11 (far from the noise: more than 2 in the gap, 4 squared)

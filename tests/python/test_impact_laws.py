@@ -323,6 +323,16 @@ def test_a_delayed_speed_is_the_earlier_speed() -> None:
     assert np.all(out["speed_measured_rad_s"][0, :3] == 0.0)
 
 
+def test_an_averaging_speed_sensor_shows_the_turned_angle_over_its_window() -> None:
+    rig, duty = rig_with(JOINTS["slip 60"]), np.full(250, 0.9)
+    mean = rig.with_effects({"speed_lag": {"time_constant_s": 2.5e-3, "form": "mean"}})
+    out = drive(mean, duty)
+    angle = out["angle_rad"][0]
+    turned = (angle[5:] - angle[:-5]) / 5e-3
+    np.testing.assert_allclose(out["speed_measured_rad_s"][0, 5:], turned, rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(out["angle_measured_rad"][0], angle, rtol=1e-9, atol=1e-9)
+
+
 def test_transport_delay_shifts_the_command_and_clock_skew_the_time_stamps() -> None:
     rig, duty = rig_with(LOCKED), np.concatenate([np.zeros(20), np.full(230, 0.9)])
     plain, late = (

@@ -79,7 +79,7 @@ def test_blows_and_current_of_the_reference_set(
         {"effects__transport_delay__delay_s": 0.0123},
         {"effects__clock_skew__relative": 0.01, "effects__clock_skew__command_clock": 1.0},
         {"effects__clock_skew__relative": -0.01},
-        {"effects__speed_lag__time_constant_s": 0.004, "effects__speed_lag__delay_form": 1.0},
+        {"effects__speed_lag__time_constant_s": 0.004, "effects__speed_lag__lag_form": 1.0},
         {"effects__cold_grease__nm_s_per_rad": 2e-5, "effects__cold_grease__time_s": 0.5},
     ],
 )

@@ -126,7 +126,7 @@ def test_missing_command_and_load_hold_the_last_value() -> None:
 
 
 def test_pure_delay_of_the_speed_sensor() -> None:
-    lag = {"time_constant_s": 0.0034, "delay_form": 1.0}
+    lag = {"time_constant_s": 0.0034, "lag_form": 1.0}
     log = drive_log()
     plain = plant_run(ref.Tool(), log, (0.0, 40.0, 1.0))
     late = plant_run(ref.Tool(effects={"speed_lag": lag}), log, (0.0, 40.0, 1.0))
@@ -145,6 +145,24 @@ def test_pure_delay_of_the_speed_sensor() -> None:
     )
     behind = out["angle_rad"][0, -1] - out["angle_measured_rad"][0, -1]
     assert behind == pytest.approx(0.0034 * out["speed_rad_s"][0, -1], rel=1e-6)
+
+
+@pytest.mark.parametrize("skew", [0.0, 0.02])
+def test_a_speed_sensor_that_averages_shows_the_turned_angle_over_its_window(skew: float) -> None:
+    effects = {"speed_lag": {"time_constant_s": 0.0034, "lag_form": 2.0}}
+    if skew:
+        effects["clock_skew"] = {"relative": skew}
+    time_s = np.arange(0, 1001) / 1000.0
+    log = core.LogInput(time_s, "voltage_v", np.where(time_s < 0.5, 9.0, 4.0))
+    theta = theta_of(ref.Tool(effects=effects))[None, :]
+    out = core.simulate_log(log, theta, np.array([0]), np.array([[0.0, 30.0, 0.0]]), 1)
+    angle, back = out["angle_rad"][0], 0.0068 * (1.0 + skew)
+    # before the start the shaft has the speed of the start
+    early = np.interp(time_s - back, time_s, angle)
+    early = np.where(time_s < back, 30.0 * (time_s - back) / (1.0 + skew), early)
+    mean = (angle - early) / 0.0068
+    np.testing.assert_allclose(out["speed_measured_rad_s"][0], mean, rtol=2e-3, atol=0.5)
+    np.testing.assert_allclose(out["angle_measured_rad"][0], angle, rtol=1e-9)
 
 
 def test_rest_is_exact_up_to_the_coulomb_torque() -> None:

@@ -69,7 +69,7 @@ def refused(change: dict, *words: str) -> None:
         ),
         (
             {"effects/speed_lag": {"time_constant_s": 0.01, "form": "box"}},
-            ["effects.speed_lag.form", "filter, delay"],
+            ["effects.speed_lag.form", "filter, delay, mean"],
         ),
         ({"effects/clock_skew": {"relative": 0.06}}, ["effects.clock_skew.relative", "0.05"]),
         ({"effects/hall_dropout": {"probability": 1.5}}, ["effects.hall_dropout.probability"]),
@@ -266,7 +266,7 @@ def test_parameters_are_the_rig_in_the_plants_order() -> None:
     stated |= {
         "effects.coulomb_friction.torque_nm": 0.004,
         "effects.speed_lag.time_constant_s": 0.002,
-        "effects.speed_lag.delay_form": 1.0,
+        "effects.speed_lag.lag_form": 1.0,
         "effects.clock_skew.relative": 0.01,
     }
     assert theta == {**neutral, **stated}

@@ -44,6 +44,6 @@ def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     }
     if effect.counted:
         table[effect.leading.name] = problem.missed_share
-    if effect.form and theta[problem.index(effect.flag_name)] == 1.0:
-        table[effect.form.key] = effect.form.words[1]
+    if effect.form and (form := int(theta[problem.index(effect.flag_name)])):
+        table[effect.form.key] = effect.form.words[form]
     return table

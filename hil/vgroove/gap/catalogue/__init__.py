@@ -20,19 +20,31 @@ from . import (
     supply,
     timing,
 )
-from .entry import OUTPUT_TURN, Effect, Form, Load, LoadKey, Parameter, Periodic, Scales, Separation
+from .entry import (
+    MIN_PERIODS,
+    OUTPUT_TURN,
+    Effect,
+    Form,
+    Load,
+    LoadKey,
+    Parameter,
+    Periodic,
+    Scales,
+    Separation,
+)
 from .loads import JOINTS, LOADS, LOADS_BEHIND, load_parameters
 
 __all__ = [
     "BY_ID",
     "CATALOGUE",
     "CONVENTIONS_AT_LOWER_BOUND",
-    "FLAGS_BEYOND_SPECIFICATION",
+    "FORMS_BEYOND_SPECIFICATION",
     "FRICTION_LAWS",
     "JOINTS",
     "LESS_LIKELY",
     "LOADS",
     "LOADS_BEHIND",
+    "MIN_PERIODS",
     "NEEDS",
     "OUTPUT_TURN",
     "PERIODIC",
@@ -99,8 +111,12 @@ SPECIAL_CASES: dict[str, tuple[str, ...]] = {
 }
 FRICTION_LAWS = frozenset(e.id for e in CATALOGUE if e.friction_law)
 PERIODIC = {e.id: e.periodic for e in CATALOGUE if e.periodic}
-FLAGS_BEYOND_SPECIFICATION = tuple(
-    e.flag_name for e in CATALOGUE if e.form and e.form.beyond_specification
+# Flags and values of the forms that the agreed catalogue does not define
+FORMS_BEYOND_SPECIFICATION = frozenset(
+    (e.flag_name, float(e.form.words.index(word)))
+    for e in CATALOGUE
+    if e.form
+    for word in e.form.beyond_specification
 )
 CONVENTIONS_AT_LOWER_BOUND = frozenset(
     e.name(p) for e in CATALOGUE for p in e.parameters if p.low_is_convention

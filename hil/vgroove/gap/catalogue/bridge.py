@@ -21,7 +21,7 @@ EFFECTS = (
         ),
         needs=("duty",),
         # "edges": S(i) from the current at the two edges of the pulse, as a bridge switches
-        form=Form("form", ("mean", "edges"), "at_edges", beyond_specification=True),
+        form=Form("form", ("mean", "edges"), "at_edges", beyond_specification=("edges",)),
         switch=("dead_time_s",),
         less_likely=True,
         separations=(

@@ -27,8 +27,9 @@ class Scales:
     clock: standard deviation of the relative error of the logger's clock. hammering: whether the
     tool has an impact mechanism; of such a tool, else 0: head_rad, the angle (rad) by which the
     joint's head turns in the longest log, and joint_nm, the largest torque (N m) of the joint, both
-    of the rig's simulation. least: the share that is left of a
-    value of the rig at the lower end of its tolerance, by rig key.
+    of the rig's simulation. turns: of the motor between the outermost angles of a log.
+    edges: whether the speed column is made from Hall edges. least: the
+    share that is left of a value of the rig at the lower end of its tolerance, by rig key.
     """
 
     volt: float
@@ -50,6 +51,8 @@ class Scales:
     hammering: bool = False
     head_rad: float = 0.0
     joint_nm: float = 0.0
+    turns: float = inf
+    edges: bool = False
     least: Mapping[str, float] = field(default_factory=dict)
 
     def least_share(self, key: str) -> float:
@@ -83,7 +86,8 @@ class Parameter:
     differences; zero_below, below which the number is taken as 0 (a lag of nanoseconds would only
     make the simulation stiff). reported: whether a verdict lists the number. key_of: the effect
     under which a rig states this number, if that is another effect. low_is_convention: a number at
-    its lower bound describes the logger (Scales.least_delay), not an effect. physical: which bounds
+    its lower bound is no effect: it describes the logger (Scales.least_delay), or what does not
+    repeat (MIN_PERIODS). physical: which bounds
     are limits of physics or of docs/spec/gap.md, "low", "high", "both" or "" (0 is one always); the
     others belong to the search and are widened where a fit ends at them. plausible: of a leading
     parameter, the scale of the sizes that occur in practice, an estimate of the order of magnitude,
@@ -111,16 +115,17 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Form:
-    """Two forms of one law. key: the rig key; words: its two values, the first one the default;
-    flag: the plant's parameter that is 1 for the second word. beyond_specification: section 3 of
-    docs/spec/gap.md defines the first form only, so other programs that read a rig may not know the
-    second.
+    """Forms of one law. key: the rig key; words: its values, the first one the default; flag: the
+    plant's parameter that holds the index of the word. beyond_specification: words that the
+    project's agreed catalogue does not define, so that other programs that read a rig may not know
+    them. of_rows: last words, of forms that change a speed column of rows but no Hall edges.
     """
 
     key: str
-    words: tuple[str, str]
+    words: tuple[str, ...]
     flag: str
-    beyond_specification: bool = False
+    beyond_specification: tuple[str, ...] = ()
+    of_rows: tuple[str, ...] = ()
 
     @property
     def rig_key(self) -> Key:
@@ -139,6 +144,11 @@ class Periodic:
     periods: float | str
     moves_shaft: bool = True
 
+    @property
+    def is_fitted(self) -> bool:
+        """Whether the number of periods is fitted."""
+        return isinstance(self.periods, str) and self.periods != OUTPUT_TURN
+
     def periods_per_rev(self, value: Callable[[str], float], ratio: float) -> float:
         """Periods a motor turn; value: of a parameter of the effect, ratio: of the gear."""
         if self.periods == OUTPUT_TURN:
@@ -147,6 +157,7 @@ class Periodic:
 
 
 OUTPUT_TURN = "once an output turn"
+MIN_PERIODS = 2.0  # of which a log shows that something repeats
 
 
 @dataclass(frozen=True)
@@ -202,9 +213,16 @@ class Effect:
     hammering: tuple[Parameter, ...] = ()
 
     def of_tool(self, scales: Scales) -> "Effect":
-        """The effect with the sizes, bounds and starts of the tool that the scales describe."""
-        use = scales.hammering and self.hammering
-        return replace(self, parameters=self.hammering) if use else self
+        """The effect with the sizes, bounds, starts and forms of the tool and the logs that the
+        scales describe.
+        """
+        found = self
+        if scales.hammering and self.hammering:
+            found = replace(found, parameters=self.hammering)
+        if found.form and found.form.of_rows and (scales.hammering or scales.edges):
+            words = tuple(w for w in found.form.words if w not in found.form.of_rows)
+            found = replace(found, form=replace(found.form, words=words))
+        return found
 
     @property
     def has_phase(self) -> bool:
@@ -214,11 +232,12 @@ class Effect:
     @property
     def forms(self) -> tuple[tuple[tuple[str, float], ...], ...]:
         """The forms to try, the default first, each as (plant parameter, value) of its flags."""
-        return ((), ((self.flag_name, 1.0),)) if self.form else ((),)
+        others = range(1, len(self.form.words)) if self.form else ()
+        return ((), *(((self.flag_name, float(word)),) for word in others))
 
     @property
     def flag_name(self) -> str:
-        """Plant parameter that is 1 for the second form; empty for an effect of one form."""
+        """Plant parameter that holds the index of the form; empty for an effect of one form."""
         return f"effects.{self.id}.{self.form.flag}" if self.form else ""
 
     @property

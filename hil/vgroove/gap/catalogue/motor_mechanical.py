@@ -3,8 +3,10 @@ positive against w > 0.
 """
 
 from .common import PHASE, torque, viscous
-from .entry import ZERO, Effect, Parameter, Periodic, Separation, constant
+from .entry import MIN_PERIODS, ZERO, Effect, Parameter, Periodic, Separation, constant
 from .keys import POSITIVE
+
+LEAST_TURNS = 1e-4  # keeps a number of periods finite
 
 EFFECTS = (
     Effect(
@@ -134,12 +136,14 @@ EFFECTS = (
                 "periods_per_rev",
                 "1",
                 constant(1.0),
-                constant(0.2),
+                lambda s: max(0.2, MIN_PERIODS / max(s.turns, LEAST_TURNS)),
                 constant(1e5),
                 (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0),
                 step=0.002,
                 key=POSITIVE,
                 neutral=1.0,
+                low_is_convention=True,
+                physical="low",
             ),
             PHASE,
         ),

@@ -15,10 +15,10 @@ EFFECTS = (
     Effect(
         "speed_lag",
         "sensor_speed",
-        "first-order filter, or pure delay of time_constant_s",
+        "first-order filter, pure delay of time_constant_s, or mean over 2 time_constant_s",
         (sensor_lag(),),
         needs=("speed",),
-        form=Form("form", ("filter", "delay"), "delay_form"),
+        form=Form("form", ("filter", "delay", "mean"), "lag_form", ("mean",), of_rows=("mean",)),
     ),
     Effect(
         "hall_eccentricity",

@@ -114,7 +114,7 @@ class HypothesisBuilder:
     def _forms(self, effects: Sequence[Effect]) -> list[tuple[tuple[int, float], ...]]:
         return [
             tuple((self.problem.index(name), value) for form in forms for name, value in form)
-            for forms in product(*[e.forms for e in effects])
+            for forms in product(*[e.of_tool(self.scales).forms for e in effects])
         ]
 
     def _of_effect(

@@ -7,7 +7,7 @@ uncertainty. Robust weights: Huber 1964.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,7 @@ class LocalFitRules:
 
 LOCAL_FIT = LocalFitRules()
 MIN_RESIDUAL = 1e-12  # keeps a weight finite
+MIN_SQUARE = 1e-300  # keeps a ratio finite
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class LocalFit:
     """A signal at an instant: value, first and second derivative (slope, curvature). sigmas: the
     standard deviation of the value, lack of fit included, and slope_penalty, both in sigmas of the
     sensor. adequate: whether the residuals of the quadratic are no more than noise. smoothing: what
-    the value was computed from.
+    the value was computed from. slope_sigma: standard deviation of the slope, lack of fit included.
     """
 
     value: float
@@ -151,6 +152,7 @@ class LocalFit:
     sigmas: float
     slope_penalty: float
     adequate: bool = True
+    slope_sigma: float = np.inf
     smoothing: Smoothing = field(default=NOT_SMOOTHED, compare=False)
 
 
@@ -160,13 +162,15 @@ NO_FIT = LocalFit(0.0, 0.0, 0.0, np.inf, np.inf, False)
 def local_fit(seen: Observations, time_s: float) -> LocalFit:
     """Value of a signal at an instant from the quadratic through the observations around it of the
     smallest uncertainty: through few of them where the motion bends, through many where noise
-    dominates. Where none can be trusted a pattern that repeats every turn is fitted as well.
+    dominates; the derivatives from that of the smallest uncertainty of the slope. Where none can be
+    trusted a pattern that repeats every turn is fitted as well.
     """
     middle = int(np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s))
     narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
     best = min((narrow, *_adequate(wider)), key=lambda found: found.sigmas)
     if best.sigmas < LOCAL_FIT.max_sigmas or seen.pitch is None:
-        return best
+        rates = min((narrow, *wider), key=lambda found: found.slope_sigma)
+        return replace(best, slope=rates.slope, curvature=rates.curvature)
     with_pattern = (
         quadratic(seen, time_s, middle, count, True)
         for count in NEIGHBOURS
@@ -203,22 +207,34 @@ def quadratic(
         basis = np.column_stack([basis, seen.turn_pattern(part)])
     force = seen.force_means(time_s, part)
     solution = _robust_solution(basis, seen.value[part], seen.sigma[part], force)
-    _, slope, curvature = solution.coefficients[: DEGREE + 1].sum(axis=1) / scale ** np.arange(3)
     one = min(float(np.median(seen.sigma[part])), seen.typical_sigma)
     covariance = np.linalg.inv((basis * solution.row_weight).T @ (basis * solution.row_weight))
     weight = covariance[0] @ basis.T * solution.row_weight[:, 0] ** 2
     freedom = len(start) - basis.shape[1]
     left = solution.weighted_square / freedom
-    sigma = float(np.sqrt(covariance[0, 0])) * np.sqrt(max(1.0, left))
+    sigmas = np.sqrt(np.diag(covariance)[: DEGREE + 1] * max(1.0, left))
+    fitted, forced = solution.coefficients[: DEGREE + 1].T
+    _, slope, curvature = (shrunk(fitted, sigmas) + forced) / scale ** np.arange(DEGREE + 1)
+    steepness = abs(float(fitted[1] + forced[1])) / scale
     return LocalFit(
         float(solution.coefficients[0, 0]),
         float(slope),
         2.0 * float(curvature),
-        sigma / one,
-        abs(float(slope)) * LOCAL_FIT.slope_penalty_s / one,
+        float(sigmas[0]) / one,
+        steepness * LOCAL_FIT.slope_penalty_s / one,
         left < 1.0 + LOCAL_FIT.max_lack_of_fit * np.sqrt(2.0 / freedom),
+        float(sigmas[1]) / scale,
         Smoothing(start, end, weight),
     )
+
+
+def shrunk(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
+    """Values (n,) with standard deviations (n,), each shrunk towards 0 by the share of its square
+    that noise explains (positive part, James and Stein 1961). A lag of the sensor multiplies slope
+    and curvature, and with them their noise.
+    """
+    noise = sigmas**2 / np.maximum(values**2, MIN_SQUARE)
+    return np.maximum(1.0 - noise, 0.0) * values
 
 
 def _may_be_fitted(seen: Observations, time_s: float, part: slice, neighbours: int) -> bool:

@@ -131,8 +131,8 @@ class Restarts:
             gain, lag_s = np.column_stack([gain[:, 0], 1.0 / errors.clock]), lag_s * [1.0, 0.0]
         true = np.repeat(self.measured[None], len(gain), axis=0)
         true[:, :, :2] += lag_s[:, None] * self.slopes
-        half_delay_squared = 0.5 * (errors.delayed * lag_s[:, 1] ** 2)[:, None]
-        true[:, :, 1] += half_delay_squared * self.curvatures[:, 1]
+        curved = np.array([0.0, 1.0 / 2.0, 1.0 / 3.0])[errors.form]  # of FILTER, DELAY, MEAN
+        true[:, :, 1] += (curved * lag_s[:, 1] ** 2)[:, None] * self.curvatures[:, 1]
         true[:, :, :2] = (true[:, :, :2] - errors.offset[:, None]) / gain[:, None]
         limit_a = np.reshape(errors.limit_a, (-1, 1))
         clipped = np.abs(self.measured[:, 0]) > RESTART.clipped_share * limit_a

@@ -6,7 +6,7 @@ import numpy as np
 
 from vgroove.gap.residual.channels import Simulation
 from vgroove.gap.residual.restarts import Restarts
-from vgroove.gap.residual.sensors import SensorErrors
+from vgroove.gap.residual.sensors import DELAY, FILTER, SensorErrors
 
 MIN_INTERVAL_S = 1e-12  # keeps a ratio finite in the first row
 
@@ -26,11 +26,12 @@ def correct_filters(
         simulation["current_a"][b] -= _mean_error(time_s, since, slope, errors.lag_s[b, 0])
     for b in np.flatnonzero(errors.lag_s[:, 1] > 0.0):
         lag, slope = errors.lag_s[b, 1], restarts.slopes[window, 1]
-        if errors.delayed[b]:
-            speed, angle = _delay_error(since, slope, restarts.curvatures[window, 1], lag)
-        else:
+        if errors.form[b] == FILTER:
             speed = -slope * lag * np.exp(-since / lag)
             angle = slope * lag**2 * np.exp(-since / lag)
+        else:
+            late = _delay_error if errors.form[b] == DELAY else _mean_speed_error
+            speed, angle = late(since, slope, restarts.curvatures[window, 1], lag)
         simulation["speed_measured_rad_s"][b] += speed
         simulation["angle_measured_rad"][b] += angle
 
@@ -53,3 +54,14 @@ def _delay_error(
     start = slope + delay * curvature
     speed = -start * before + 0.5 * curvature * before**2
     return speed, 0.5 * start * before**2 - curvature * before**3 / 6.0
+
+
+def _mean_speed_error(
+    since: np.ndarray, slope: np.ndarray, curvature: np.ndarray, lag: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (rows,) of a speed in rad/s that is averaged over the last 2 lag, and of its angle in
+    rad: the part of the window that lies before the restart shows the motion there.
+    """
+    before = np.maximum(2.0 * lag - since, 0.0)
+    start = slope + lag * curvature
+    return (-0.5 * start * before**2 + curvature * before**3 / 6.0) / (2.0 * lag), 0.0 * since

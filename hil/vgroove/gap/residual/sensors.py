@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FILTER, DELAY, MEAN = range(3)  # index of the word in the catalogue's form of speed_lag
 SENSOR_EFFECTS = (
     "current_gain.relative",
     "speed_gain.relative",
@@ -23,7 +24,7 @@ class SensorErrors:
     gain: np.ndarray  # (B, 2)
     offset: np.ndarray  # (B, 2), A and rad/s
     lag_s: np.ndarray  # (B, 2) time constants of first-order filters y' = (x - y) / lag
-    delayed: np.ndarray  # (B,) whether the speed sensor delays by its lag instead
+    form: np.ndarray  # (B,) of the speed sensor's lag: FILTER, DELAY or MEAN
     clock: np.ndarray  # (B,) seconds of the logger in a second of the tool
     limit_a: np.ndarray | float = np.inf  # (B,) current at which the sensor clips
 
@@ -40,7 +41,7 @@ class SensorErrors:
             np.stack(gains, axis=1),
             np.stack(offsets, axis=1),
             np.stack(lags, axis=1),
-            theta[:, index("effects.speed_lag.delay_form")] != 0.0,
+            theta[:, index("effects.speed_lag.lag_form")].astype(int),
             1.0 + np.where(command_clock, 0.0, skew),
             theta[:, index("effects.current_saturation.limit_a")],
         )

@@ -8,10 +8,11 @@ the second than from four that each begin with a measured, noisy state.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
-from vgroove.gap.catalogue import BY_ID, FLAGS_BEYOND_SPECIFICATION
+from vgroove.gap.catalogue import BY_ID, FORMS_BEYOND_SPECIFICATION
 from vgroove.gap.fitting.covariance import interval_half_widths
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
@@ -46,6 +47,7 @@ class EstimateLimits:
 
 
 ESTIMATE = EstimateLimits()
+Flags = tuple[tuple[int, float], ...]
 Z95 = 1.96  # two-sided 95 % quantile of the standard normal distribution
 
 
@@ -148,17 +150,29 @@ def in_catalogue_form(search: Search, best: Fit) -> Fit:
     """The same effects in the forms of docs/spec/gap.md, section 3, unless the gap of these is
     larger than that of the selected forms by more than the smallest visible gap.
     """
-    beyond = {search.problem.index(name) for name in FLAGS_BEYOND_SPECIFICATION}
-    fixed = tuple(
-        (column, value) for column, value in best.hypothesis.fixed if column not in beyond
-    )
-    if fixed == best.hypothesis.fixed:
+    beyond = {(search.problem.index(n), value) for n, value in FORMS_BEYOND_SPECIFICATION}
+    if not beyond.intersection(best.hypothesis.fixed):
         return best
-    hypothesis = replace(best.hypothesis, start=best.x, fixed=fixed)
-    again = search.engine.fit([hypothesis], COMPARISON.max_rounds)[0]
-    predict_held_out(search.engine, [again])
+    forms = catalogue_forms(best.hypothesis.fixed, beyond)
+    hypotheses = [replace(best.hypothesis, start=best.x, fixed=fixed) for fixed in forms]
+    fits = search.engine.fit(hypotheses, COMPARISON.max_rounds)
+    predict_held_out(search.engine, fits)
+    again = min(fits, key=search.reported_gap)
     more = search.reported_gap(again) - search.reported_gap(best)
     return again if more <= ESTIMATE.max_form_gap else best
+
+
+def catalogue_forms(fixed: Flags, beyond: set[tuple[int, float]]) -> list[Flags]:
+    """Flags, as (column of theta, value), of a set in all forms that the agreed catalogue defines:
+    with each form beyond it replaced by the others of its effect.
+    """
+    choices = [
+        [((column, float(k)),) if k else () for k in range(int(value)) if (column, k) not in beyond]
+        if (column, value) in beyond
+        else [((column, value),)]
+        for column, value in fixed
+    ]
+    return [sum(chosen, ()) for chosen in product(*choices)]
 
 
 def time_clusters(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:

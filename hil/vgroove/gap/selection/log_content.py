@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vgroove.gap.catalogue import Effect, Scales, available
+from vgroove.gap.catalogue import MIN_PERIODS, Effect, Scales, available
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.fitting.hypothesis import least_share
 from vgroove.gap.residual.magnitude import robust_magnitude
 from vgroove.gap.residual.problem import Problem
-from vgroove.units import RAD_S_PER_RPM
+from vgroove.units import RAD_S_PER_RPM, TURN_RAD
 
 MOVING_SHARE = 0.02  # of the largest speed: a lower speed counts as standstill
 MIN_TIME_EACH_WAY = 0.05  # share of the moving rows in each direction for both to count
@@ -59,6 +59,15 @@ def turns_both_ways(problem: Problem) -> bool:
     return MIN_TIME_EACH_WAY < backward < 1.0 - MIN_TIME_EACH_WAY
 
 
+def turned(problem: Problem) -> float:
+    """Turns of the motor between the outermost angles of the log that turns furthest."""
+    ranges = []
+    for j, log in enumerate(problem.logs):
+        steps = np.diff(np.asarray(log.time_s, float), prepend=log.time_s[0])
+        ranges.append(float(np.ptp(np.cumsum(measured_speed(problem, j) * steps))))
+    return max(ranges) / TURN_RAD
+
+
 def log_flags(problem: Problem) -> frozenset[str]:
     """What the logs can show, as flags of Effect.needs."""
     rig, kind, judged = problem.rig, problem.rig.input["kind"], {s.column for s in problem.signals}
@@ -95,15 +104,25 @@ def impact_flags(problem: Problem) -> Iterator[str]:
 
 
 def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
-    """Effects of the catalogue that the logs can show; on a hammering tool those of its joint, and
-    of several logs none that repeats with the angle of a shaft, whose angle each log begins at is
-    not known.
+    """Effects of the catalogue that the logs can show: what repeats with the angle of a shaft, if
+    the shaft turns by MIN_PERIODS of its periods. On a hammering tool those of its joint, and of
+    several logs nothing that repeats with an angle, since it is not known where each log begins.
     """
     effects = available(log_flags(problem), without)
     if problem.rig.mechanism["kind"] != "impact":
-        return effects
+        return [e for e in effects if repeats(e, problem)]
     load, several = problem.rig.load["kind"], len(problem.logs) > 1
     return [e for e in effects if not (e.periodic and several) and (not e.loads or load in e.loads)]
+
+
+def repeats(effect: Effect, problem: Problem) -> bool:
+    """Whether an effect of a known period, if it has one, repeats in a log. A fitted period has a
+    bound in the catalogue.
+    """
+    if effect.periodic is None or effect.periodic.is_fitted:
+        return True
+    periods = effect.periodic.periods_per_rev({}.get, problem.rig.gearbox["ratio"])
+    return turned(problem) * periods >= MIN_PERIODS
 
 
 def effect_scales(problem: Problem) -> Scales:
@@ -132,6 +151,8 @@ def effect_scales(problem: Problem) -> Scales:
         coulomb=motor["coulomb_nm"],
         viscous=motor["viscous_nm_s_per_rad"],
         ratio=rig.gearbox["ratio"],
+        turns=turned(problem),
+        edges=any(signal.edges for signal in problem.signals),
         duration=float(max(t[-1] - t[0] for t in times)),
         interval=interval,
         least_delay=least_delay,

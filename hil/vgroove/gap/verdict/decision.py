@@ -2,12 +2,14 @@
 what the set leaves (docs/spec/gap.md, section 5).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from vgroove.gap.catalogue import SPECIAL_CASES, contains
+from vgroove.gap.catalogue import BY_ID, SPECIAL_CASES, Effect, contains
 from vgroove.gap.fitting.hypothesis import Fit
-from vgroove.gap.selection.candidate_sets import fit_set
-from vgroove.gap.selection.intervals import in_catalogue_form
+from vgroove.gap.selection.candidate_sets import fit_set, fit_without
+from vgroove.gap.selection.intervals import estimate_of, in_catalogue_form
+from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 from vgroove.gap.selection.search import (
     Selection,
     prior_excludes,
@@ -164,7 +166,7 @@ def without_remainder(selection: Selection, remainder: Remainder) -> Finding:
     """The finding on a set that leaves no significant remainder."""
     if not selection.best.ids:
         return Finding("none", selection.best, [], remainder)
-    return named(selection.search, selection.best, selection.rivals, remainder)
+    return with_known_sizes(selection, remainder)
 
 
 def without_established(selection: Selection, remainder: Remainder) -> Finding:
@@ -174,7 +176,42 @@ def without_established(selection: Selection, remainder: Remainder) -> Finding:
     search, best = selection.search, selection.best
     if not best.ids or is_doubtful(search, best) or not is_limited_by_noise(search, best):
         return Finding("unlisted", best, [], remainder)
-    return named(search, best, selection.rivals, remainder)
+    return with_known_sizes(selection, remainder)
+
+
+def with_known_sizes(selection: Selection, remainder: Remainder) -> Finding:
+    """The verdict that names the members of a set, not all of them established, whose sizes are
+    known: a size whose 95 % interval contains 0 may be none. Unlisted where there is no such
+    member, or where the others close too little.
+    """
+    search, best = selection.search, selection.best
+    known = best
+    while known.ids and (unknown := unknown_sizes(search, known)):
+        known = fit_without(search, known, unknown[0]) if len(known.ids) > 1 else search.retuned
+    if known is best:
+        return named(search, best, selection.rivals, remainder)
+    if not known.ids or is_doubtful(search, known):
+        return Finding("unlisted", best, [], remainder)
+    return named(search, known, tied_rivals(search, known), remainder)
+
+
+def unknown_sizes(search: Search, one: Fit) -> list[str]:
+    """Members of a set whose size has a 95 % interval that contains 0, that of the least gain
+    first.
+    """
+    estimate = estimate_of(search, one)
+    members = [i for i in one.ids if not is_known_size(estimate.parameters(i), BY_ID[i])]
+    return sorted(members, key=lambda i: search.score(fit_without(search, one, i)))
+
+
+def is_known_size(parameters: Mapping[str, ParameterEstimate], effect: Effect) -> bool:
+    """Whether the interval of one of the numbers that are 0 without the effect does not contain
+    0. The size of an effect that is off at infinity (a limit, a stiffness) is always known.
+    """
+    sizes = [p.name for p in effect.parameters if p.neutral == 0.0 and p.name in parameters]
+    intervals = [parameters[name].ci95 for name in sizes]
+    is_limit = effect.leading.neutral != 0.0
+    return is_limit or any(i is None or i[0] > 0.0 or i[1] < 0.0 for i in intervals)
 
 
 def named(search: Search, best: Fit, rivals: list[Fit], remainder: Remainder) -> Finding:

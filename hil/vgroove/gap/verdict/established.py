@@ -201,9 +201,8 @@ def without_doubtful(search: Search, best: Fit, covariates: Covariates) -> Fit:
 
 
 def is_established_rival(search: Search, rival: Fit, best: Fit, covariates: Covariates) -> bool:
-    """Whether the members of a tied set that an established one lacks gain significantly and keep
-    their sizes.
+    """Whether a tied set has members that an established one lacks, and all of these gain
+    significantly and keep their sizes.
     """
-    return all(
-        Member(search, rival, i, covariates).is_rival for i in rival.ids if i not in best.ids
-    )
+    others = [i for i in rival.ids if i not in best.ids]
+    return bool(others) and all(Member(search, rival, i, covariates).is_rival for i in others)
