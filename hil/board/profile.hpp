@@ -31,8 +31,8 @@ struct ControlCost {
     Cycle worst_at = 0;
 };
 
-// GPIOR0 holds the marks of the program: bit 0 is 1 during a tick, bit 1 during the controller's
-// step.
+// TWBR holds the marks of the program, which does not use the TWI: bit 0 is 1 during a tick, bit 1
+// during the controller's step.
 class Profile final : public Device, public InterruptWatch {
 public:
     Profile(Machine &machine, const Timer &tick);

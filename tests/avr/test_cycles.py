@@ -71,7 +71,7 @@ def test_the_scenario_loads_the_board(stress: dict) -> None:
 
 
 def test_longest_tick_with_its_interrupts_keeps_its_cycles(stress: dict) -> None:
-    assert stress["tick"]["count"] >= 1990, "GPIOR0 bit 0 must mark the tick"
+    assert stress["tick"]["count"] >= 1990, "TWBR bit 0 must mark the tick"
     assert stress["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(stress["tick"])
     assert stress["tick"]["late"] == 0
 
