@@ -79,7 +79,7 @@ void Profile::entered(int vector, Cycle at, Cycle waited, unsigned pc) {
     }
     lowest_stack_ = std::min(lowest_stack_, machine_.stack_pointer());
     since_ = since_ == 0 ? at : since_;
-    frames_.push_back({vector, at, 0});
+    frames_.push_back({vector, at, 0, machine_.context()});
 }
 
 void Profile::left(Cycle at) {
@@ -94,6 +94,7 @@ void Profile::left(Cycle at) {
     ++cost.count;
     cost.worst = std::max(cost.worst, own);
     cost.total += own;
+    cost.changed += machine_.context() != frame.context ? 1 : 0;
     if (!frames_.empty()) {
         frames_.back().nested += whole;
     }

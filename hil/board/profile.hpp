@@ -12,6 +12,7 @@ struct VectorCost {
     long count = 0;
     Cycle worst = 0;  // entry, body and RETI, without nested interrupts
     Cycle total = 0;
+    long changed = 0;        // times that a register or flag differed after it
     Cycle longest_wait = 0;  // from the flag to the entry
     unsigned waited_at = 0;  // address of the instruction after the longest wait
 };
@@ -64,6 +65,7 @@ private:
         int vector;
         Cycle entered;
         Cycle nested;  // cycles of the interrupts within it
+        Context context;
     };
     void begin_tick();
     void end_tick();

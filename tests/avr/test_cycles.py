@@ -134,6 +134,12 @@ def test_worst_tick_of_the_exercise(exercise: dict) -> None:
     assert exercise["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(exercise["tick"])
 
 
+def test_interrupts_change_no_register_or_flag(stress: dict, exercise: dict) -> None:
+    """Also those that prepare the ADC or find a damaged byte."""
+    costs = [*stress["isr"].items(), *exercise["isr"].items()]
+    assert [name for name, cost in costs if cost["changed"]] == []
+
+
 def test_the_other_budgets_hold_in_the_exercise(exercise: dict) -> None:
     assert max(cost["worst_cycles"] for cost in exercise["isr"].values()) <= ISR_CYCLES_MAX
     assert exercise["stack"]["free_bytes"] >= STACK_BYTES_MIN
