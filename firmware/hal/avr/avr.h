@@ -14,6 +14,9 @@
 #define AVR_MARK_TICK 1u
 #define AVR_MARK_CONTROL 2u
 
+// TCCR0A with phase-correct PWM, TOP 255; the pins follow PORT, which is 0.
+#define AVR_DISCONNECTED (1u << WGM00)
+
 // Frame of an interrupt handler in assembly (ISR_NAKED) that uses r24 and Z and changes no flag of
 // SREG. Interrupts do not nest, so three I/O registers keep them. AVR_ISR_KEEP are its operands.
 #define AVR_ISR_BEGIN                                                                              \
