@@ -29,32 +29,44 @@ static inline void prepare_if_due(void) {
     }
 }
 
-// Operands and code of prepare_if_due() in assembly, for the interrupts that are called often:
-// those that the compiler saves registers for take 11 to 21 cycles more.
-#define PREPARE(r)                                                                                 \
-    "lds " r ", %[channel]\n\t"                                                                    \
-    "ori " r ", %[reference]\n\t"                                                                  \
-    "sts %[admux], " r "\n\t"                                                                      \
+// The interrupts below are called often: the registers that the compiler saves cost 11 to 23 cycles
+// more. prepare_conversion() and prepare_if_due() in assembly:
+#define PREPARE                                                                                    \
+    "lds r30, %[channel]\n\t"                                                                      \
+    "ori r30, %[reference]\n\t"                                                                    \
+    "sts %[admux], r30\n\t"                                                                        \
     "sbi %[tifr], %[tov]\n\t"
-#define PREPARE_IF_DUE(r)                                                                          \
-    "lds " r ", %[adcsra]\n\t"                                                                     \
-    "sbrs " r ", %[adif]\n\t"                                                                      \
-    "rjmp .+12\n\t" PREPARE(r)
+#define PREPARE_IF_DUE                                                                             \
+    "lds r30, %[adcsra]\n\t"                                                                       \
+    "sbrs r30, %[adif]\n\t"                                                                        \
+    "rjmp .+12\n\t" PREPARE
 #define PREPARED                                                                                   \
     [channel] "i"(&avr_app.adc.next_channel), [reference] "M"(1u << REFS0),                        \
         [admux] "n"(_SFR_MEM_ADDR(ADMUX)), [tifr] "I"(_SFR_IO_ADDR(TIFR0)), [tov] "I"(TOV0)
 #define PREPARED_IF_DUE PREPARED, [adcsra] "n"(_SFR_MEM_ADDR(ADCSRA)), [adif] "I"(ADIF)
 
+// Frames of handlers that change flags: SREG in r24, or on the stack when r24 and r25 hold a value.
+#define TICK_BEGIN AVR_ISR_BEGIN "in r24, __SREG__\n\t" PREPARE_IF_DUE
+#define TICK_END "out __SREG__, r24\n\t" AVR_ISR_END
+#define PAIR_BEGIN                                                                                 \
+    AVR_ISR_BEGIN                                                                                  \
+    "in r24, __SREG__\n\t"                                                                         \
+    "push r24\n\t"                                                                                 \
+    "push r25\n\t"
+#define PAIR_END                                                                                   \
+    "pop r25\n\t"                                                                                  \
+    "pop r24\n\t" TICK_END
+#define EDGE_BEGIN PAIR_BEGIN PREPARE_IF_DUE
+#define SAMPLE_BEGIN PAIR_BEGIN PREPARE
+
 // app_on_tick() in assembly.
 ISR(TIMER2_COMPA_vect, ISR_NAKED) {
     __asm__ volatile(
-        AVR_ISR_BEGIN
-        "in r24, __SREG__\n\t" PREPARE_IF_DUE("r30") "lds r30, %[ticks]\n\t"
-                                                     "inc r30\n\t"
-                                                     "sts %[ticks], r30\n\t"
-                                                     "lds r30, %[head]\n\t"
-                                                     "sts %[limit], r30\n\t"
-                                                     "out __SREG__, r24\n\t" AVR_ISR_END
+        TICK_BEGIN "lds r30, %[ticks]\n\t"
+                   "inc r30\n\t"
+                   "sts %[ticks], r30\n\t"
+                   "lds r30, %[head]\n\t"
+                   "sts %[limit], r30\n\t" TICK_END
         :
         : AVR_ISR_KEEP, PREPARED_IF_DUE, [ticks] "i"(&avr_ticks_waiting),
           [head] "i"(&avr_app.uart.receive.head), [limit] "i"(&avr_app.uart.receive_limit));
@@ -73,37 +85,32 @@ ISR(TIMER2_COMPB_vect) {
 // sheet, "Input Capture Unit").
 ISR(BOARD_CAPT_vect, ISR_NAKED) {
     __asm__ volatile(
-        AVR_ISR_BEGIN "in r24, __SREG__\n\t"
-                      "push r24\n\t"
-                      "push r25\n\t" PREPARE_IF_DUE("r30") "lds r24, %[stamp]\n\t"
-                                                           "lds r25, %[stamp] + 1\n\t"
-                                                           "lds r30, %[pin]\n\t"
-                                                           "ldi r31, %[rising]\n\t"
-                                                           "sbrc r30, %[hall]\n\t"
-                                                           "ldi r31, %[falling]\n\t"
-                                                           "sts %[capture], r31\n\t"
-                                                           "ldi r31, %[flag]\n\t"
-                                                           "sts %[flags], r31\n\t"
-                                                           "lds r30, %[head]\n\t"
-                                                           "lds r31, %[tail]\n\t"
-                                                           "subi r31, -%[size]\n\t"
-                                                           "cp r31, r30\n\t"
-                                                           "breq 2f\n\t"
-                                                           "mov r31, r30\n\t"
-                                                           "inc r31\n\t"
-                                                           "sts %[head], r31\n\t"
-                                                           "andi r30, %[size] - 1\n\t"
-                                                           "ldi r31, 0\n\t"
-                                                           "subi r30, lo8(-(%[items]))\n\t"
-                                                           "sbci r31, hi8(-(%[items]))\n\t"
-                                                           "st Z, r24\n\t"
-                                                           "std Z + %[size], r25\n\t"
-                                                           "1: pop r25\n\t"
-                                                           "pop r24\n\t"
-                                                           "out __SREG__, r24\n\t" AVR_ISR_END
-                                                           "2: ldi r24, 1\n\t"
-                                                           "sts %[overflowed], r24\n\t"
-                                                           "rjmp 1b\n\t"
+        EDGE_BEGIN "lds r24, %[stamp]\n\t"
+                   "lds r25, %[stamp] + 1\n\t"
+                   "lds r30, %[pin]\n\t"
+                   "ldi r31, %[rising]\n\t"
+                   "sbrc r30, %[hall]\n\t"
+                   "ldi r31, %[falling]\n\t"
+                   "sts %[capture], r31\n\t"
+                   "ldi r31, %[flag]\n\t"
+                   "sts %[flags], r31\n\t"
+                   "lds r30, %[head]\n\t"
+                   "lds r31, %[tail]\n\t"
+                   "subi r31, -%[size]\n\t"
+                   "cp r31, r30\n\t"
+                   "breq 2f\n\t"
+                   "mov r31, r30\n\t"
+                   "inc r31\n\t"
+                   "sts %[head], r31\n\t"
+                   "andi r30, %[size] - 1\n\t"
+                   "ldi r31, 0\n\t"
+                   "subi r30, lo8(-(%[items]))\n\t"
+                   "sbci r31, hi8(-(%[items]))\n\t"
+                   "st Z, r24\n\t"
+                   "std Z + %[size], r25\n\t"
+                   "1: " PAIR_END "2: ldi r24, 1\n\t"
+                   "sts %[overflowed], r24\n\t"
+                   "rjmp 1b\n\t"
         :
         : AVR_ISR_KEEP, PREPARED_IF_DUE, [stamp] "n"(_SFR_MEM_ADDR(BOARD_ICR)),
           [pin] "n"(_SFR_MEM_ADDR(BOARD_HALL_PIN)), [hall] "I"(BOARD_HALL_BIT),
@@ -119,51 +126,49 @@ _Static_assert(offsetof(RingWords, high) == offsetof(RingWords, low) + RING_WORD
                    offsetof(AdcSequence, after) == offsetof(AdcSequence, high) + ADC_SEQUENCE_RING,
                "bytes of an item by one address");
 
-// app_on_sample() in assembly, with hal_bridge_cut() at a current beyond the trip.
+// app_on_sample() in assembly, with hal_bridge_cut() at a current beyond the trip: after the sample
+// is stored, always behind the end of the PWM period, 54 cycles after the result.
 ISR(ADC_vect, ISR_NAKED) {
-    __asm__ volatile(AVR_ISR_BEGIN
-                     "in r24, __SREG__\n\t"
-                     "push r24\n\t"
-                     "push r25\n\t" PREPARE("r24") "lds r24, %[counts]\n\t"
-                                                   "lds r25, %[counts] + 1\n\t"
-                                                   "lds r30, %[head]\n\t"
-                                                   "andi r30, %[every] - 1\n\t"
-                                                   "cpi r30, %[other]\n\t"
-                                                   "breq 1f\n\t"
-                                                   "lds r30, %[low]\n\t"
-                                                   "lds r31, %[low] + 1\n\t"
-                                                   "cp r24, r30\n\t"
-                                                   "cpc r25, r31\n\t"
-                                                   "brlo 2f\n\t"
-                                                   "lds r30, %[high]\n\t"
-                                                   "lds r31, %[high] + 1\n\t"
-                                                   "cp r30, r24\n\t"
-                                                   "cpc r31, r25\n\t"
-                                                   "brlo 2f\n\t"
-                                                   "1: lds r30, %[head]\n\t"
-                                                   "mov r31, r30\n\t"
-                                                   "inc r31\n\t"
-                                                   "sts %[head], r31\n\t"
-                                                   "andi r30, %[size] - 1\n\t"
-                                                   "ldi r31, 0\n\t"
-                                                   "subi r30, lo8(-(%[items]))\n\t"
-                                                   "sbci r31, hi8(-(%[items]))\n\t"
-                                                   "st Z, r24\n\t"
-                                                   "std Z + %[size], r25\n\t"
-                                                   "ldd r24, Z + 2 * %[size]\n\t"
-                                                   "sts %[channel], r24\n\t"
-                                                   "pop r25\n\t"
-                                                   "pop r24\n\t"
-                                                   "out __SREG__, r24\n\t" AVR_ISR_END
-                                                   "2: cbi %[enable], %[enable_bit]\n\t"
-                                                   "ldi r30, %[disconnected]\n\t"
-                                                   "out %[outputs], r30\n\t"
-                                                   "cbi %[leg_b], %[leg_b_high]\n\t"
-                                                   "cbi %[leg_b], %[leg_b_low]\n\t"
-                                                   "ldi r30, 1\n\t"
-                                                   "sts %[tripped], r30\n\t"
-                                                   "ori r25, %[mark]\n\t"
-                                                   "rjmp 1b\n\t"
+    __asm__ volatile(SAMPLE_BEGIN "lds r24, %[counts]\n\t"
+                                  "lds r25, %[counts] + 1\n\t"
+                                  "lds r30, %[head]\n\t"
+                                  "andi r30, %[every] - 1\n\t"
+                                  "cpi r30, %[other]\n\t"
+                                  "breq 1f\n\t"
+                                  "lds r30, %[low]\n\t"
+                                  "lds r31, %[low] + 1\n\t"
+                                  "cp r24, r30\n\t"
+                                  "cpc r25, r31\n\t"
+                                  "brlo 2f\n\t"
+                                  "lds r30, %[high]\n\t"
+                                  "lds r31, %[high] + 1\n\t"
+                                  "cp r30, r24\n\t"
+                                  "cpc r31, r25\n\t"
+                                  "brlo 2f\n\t"
+                                  "1: lds r30, %[head]\n\t"
+                                  "mov r31, r30\n\t"
+                                  "inc r31\n\t"
+                                  "sts %[head], r31\n\t"
+                                  "andi r30, %[size] - 1\n\t"
+                                  "ldi r31, 0\n\t"
+                                  "subi r30, lo8(-(%[items]))\n\t"
+                                  "sbci r31, hi8(-(%[items]))\n\t"
+                                  "st Z, r24\n\t"
+                                  "std Z + %[size], r25\n\t"
+                                  "ldd r24, Z + 2 * %[size]\n\t"
+                                  "sts %[channel], r24\n\t"
+                                  "sbrc r25, 7\n\t"  // the mark
+                                  "rjmp 3f\n\t"
+                                  "4: " PAIR_END "2: ori r25, %[mark]\n\t"
+                                  "rjmp 1b\n\t"
+                                  "3: cbi %[enable], %[enable_bit]\n\t"
+                                  "ldi r30, %[disconnected]\n\t"
+                                  "out %[outputs], r30\n\t"
+                                  "cbi %[leg_b], %[leg_b_high]\n\t"
+                                  "cbi %[leg_b], %[leg_b_low]\n\t"
+                                  "ldi r30, 1\n\t"
+                                  "sts %[tripped], r30\n\t"
+                                  "rjmp 4b\n\t"
                      :
                      : AVR_ISR_KEEP, PREPARED, [counts] "n"(_SFR_MEM_ADDR(ADC)),
                        [head] "i"(&avr_app.adc.head), [every] "M"(ADC_SEQUENCE_OTHER_EVERY),
@@ -182,8 +187,10 @@ _Static_assert(offsetof(AvrMemory, app.uart.receive.items) % AVR_PAGE == 0 &&
                        offsetof(App, uart.receive.items),
                "an index is the low byte of an address");
 
-// app_on_received() in assembly: a command takes six of these within a tick. Prepares the ADC as
-// prepare_if_due() does.
+// app_on_received() in assembly: a command takes six of these within a tick.
+#define RX_PREPARES                                                                                \
+    "5: in r31, __SREG__\n\t" PREPARE "out __SREG__, r31\n\t"                                      \
+    "rjmp 1b\n\t"
 ISR(BOARD_RX_vect, ISR_NAKED) {
     __asm__ volatile(
         AVR_ISR_BEGIN "lds r31, %[adcsra]\n\t"
@@ -217,9 +224,7 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
                       "breq 7f\n\t"
                       "sts %[errors], r24\n\t"
                       "7: out __SREG__, r30\n\t"
-                      "rjmp 6b\n\t"
-                      "5: in r31, __SREG__\n\t" PREPARE("r24") "out __SREG__, r31\n\t"
-                                                               "rjmp 1b\n\t"
+                      "rjmp 6b\n\t" RX_PREPARES
         :
         : AVR_ISR_KEEP, [control] "n"(_SFR_MEM_ADDR(UCSR0B)),
           [silent] "n"((uint8_t) ~(1u << RXCIE0)), [refuses] "i"(&avr_app.uart.refuses),
