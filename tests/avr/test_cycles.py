@@ -29,7 +29,7 @@ ISR_SHARE_MAX = 0.15
 STACK_BYTES_MIN = 400
 TRIGGER_GAP = 2040  # cycles between two ADC triggers
 TRIGGER_WINDOW = 309  # cycles from a result to the next trigger
-FLAG_CYCLES = 43  # from the entry of an interrupt to the cleared trigger flag, docs/firmware.md
+FLAG_CYCLES = 33  # from the entry of an interrupt to the cleared trigger flag, docs/firmware.md
 INSTRUCTION_CYCLES = 6  # longest instruction between two interrupts
 WAKE_UP_CYCLES = 4
 
