@@ -9,7 +9,7 @@
 #define PAINT 0xC5u    // fills the unused stack
 #define PAINT_STEP 2u  // bytes examined per tick
 
-extern uint8_t _end[RAMEND];  // behind the static data, of unknown size: lower limit of the stack
+extern uint8_t _end;  // of static data: lower limit of the stack
 
 void avr_paint_stack(void) __attribute__((naked, used, section(".init3")));
 
@@ -30,9 +30,9 @@ static uint16_t stack_free_bytes;
 
 // Searches the lowest byte that the stack has used, a few bytes after each tick.
 void avr_look_at_stack(void) {
-    static uint16_t at;  // from _end
+    static uint16_t at;  // from &_end
     for (uint8_t k = 0; k < PAINT_STEP; k++, at++) {
-        if (_end[at] != PAINT) {
+        if (*(&_end + at) != PAINT) {
             stack_free_bytes = at;
             at = 0;
             break;
