@@ -40,19 +40,12 @@ enum {
 };
 _Static_assert(PARAM_VERSION == 4u, "a count for each older version");
 
+static const uint8_t counts[PARAM_VERSION + 1u] FLASH_TABLE = {0, COUNT_1, COUNT_2, COUNT_3,
+                                                               PARAM_COUNT};
+
 // 0 for a version that this firmware does not know.
 static uint8_t count_of_version(uint8_t version) {
-    switch (version) {
-    case 1:
-        return COUNT_1;
-    case 2:
-        return COUNT_2;
-    case 3:
-        return COUNT_3;
-    case PARAM_VERSION:
-        return PARAM_COUNT;
-    }
-    return 0;
+    return version <= PARAM_VERSION ? FLASH_U8(&counts[version]) : 0u;
 }
 
 static uint16_t slot_address(uint8_t slot) {

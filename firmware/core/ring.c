@@ -31,11 +31,12 @@ void ring_drop_word(RingWords *self) {
 
 bool ring_push_byte(RingBytes *self, uint8_t item) {
     const uint8_t head = self->head;
-    if ((uint8_t)(head - self->tail) >= RING_BYTES) {
+    const uint8_t next = (uint8_t)(head + 1u) % RING_BYTES;
+    if (next == self->tail) {
         return false;
     }
-    self->items[head % RING_BYTES] = item;
-    self->head = (uint8_t)(head + 1u);
+    self->items[head] = item;
+    self->head = next;
     return true;
 }
 
@@ -44,9 +45,14 @@ bool ring_pop_byte(RingBytes *self, uint8_t *item) {
     if (tail == self->head) {
         return false;
     }
-    *item = self->items[tail % RING_BYTES];
-    self->tail = (uint8_t)(tail + 1u);
+    *item = self->items[tail];
+    self->tail = (uint8_t)(tail + 1u) % RING_BYTES;
     return true;
+}
+
+void ring_clear_frames(RingFrames *self) {
+    self->head = RING_FRAMES_FIRST;
+    self->tail = RING_FRAMES_FIRST;
 }
 
 uint8_t ring_frames_free(const RingFrames *self) {
@@ -65,19 +71,22 @@ uint8_t ring_frames_free(const RingFrames *self) {
     return used < 3u * RING_FRAME ? 1 : 0;
 }
 
-static uint8_t frame_after(uint8_t at) {
-    return (uint8_t)(at == RING_FRAMES_BYTES - RING_FRAME ? 0u : at + RING_FRAME);
+// Index `step` bytes further.
+static uint8_t frames_after(uint8_t at, uint8_t step) {
+    const uint8_t next = (uint8_t)(at + step);
+    return (uint8_t)(next == 0u ? RING_FRAMES_FIRST : next);
 }
 
 uint8_t *ring_frame_at(RingFrames *self, uint8_t ahead) {
     const uint8_t head = self->head;
-    return &self->items[ahead == 0u ? head : frame_after(head)];
+    const uint8_t at = ahead == 0u ? head : frames_after(head, RING_FRAME);
+    return &self->items[at - RING_FRAMES_FIRST];
 }
 
 void ring_push_frames(RingFrames *self, uint8_t count) {
     uint8_t head = self->head;
     for (; count > 0u; count--) {
-        head = frame_after(head);
+        head = frames_after(head, RING_FRAME);
     }
     __asm__ volatile("" : : : "memory");  // write the frames before head
     self->head = head;
@@ -88,7 +97,7 @@ bool ring_pop_frame_byte(RingFrames *self, uint8_t *item) {
     if (tail == self->head) {
         return false;
     }
-    *item = self->items[tail];
-    self->tail = (uint8_t)(tail == RING_FRAMES_BYTES - 1u ? 0u : tail + 1u);
+    *item = self->items[tail - RING_FRAMES_FIRST];
+    self->tail = frames_after(tail, 1);
     return true;
 }

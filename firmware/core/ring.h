@@ -6,8 +6,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define RING_WORDS 32u  // edge times of four ticks
-#define RING_BYTES 64u  // UART: holds TELEMETRY_QUEUE_BYTES
+#define RING_WORDS 32u                     // edge times of four ticks
+#define RING_BYTES_BIT 6u                  // set in the index behind the last one
+#define RING_BYTES (1u << RING_BYTES_BIT)  // UART: three commands
 
 typedef struct {
     volatile uint8_t head;             // pushes so far, modulo 256
@@ -17,20 +18,24 @@ typedef struct {
 } RingWords;
 
 typedef struct {
-    volatile uint8_t items[RING_BYTES];
-    volatile uint8_t head;
-    volatile uint8_t tail;
+    volatile uint8_t items[RING_BYTES];  // one of them stays free
+    volatile uint8_t head;               // index of the next push
+    volatile uint8_t tail;               // index of the next pop
 } RingBytes;
 
-// Frames of equal length in fixed slots: built in place, never wrapped around.
+// Frames of equal length in fixed slots: built in place, never wrapped around. Indices run from
+// RING_FRAMES_FIRST to 255: an increment at the end of `items` overflows to 0.
 #define RING_FRAME 19u
 #define RING_FRAMES_BYTES (4u * RING_FRAME)
+#define RING_FRAMES_FIRST (256u - RING_FRAMES_BYTES)
 
 typedef struct {
-    uint8_t items[RING_FRAMES_BYTES];
-    volatile uint8_t head;  // index in `items` of the next frame
+    volatile uint8_t head;  // index of the next frame
     volatile uint8_t tail;  // index of the next byte to send
+    uint8_t items[RING_FRAMES_BYTES];
 } RingFrames;
+
+void ring_clear_frames(RingFrames *self);
 
 // Number of whole frames that fit, at most 3.
 uint8_t ring_frames_free(const RingFrames *self);

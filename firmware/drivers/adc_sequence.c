@@ -11,11 +11,7 @@
 #define FIRST_USABLE (HAL_FIRST_SAMPLE_CYCLES + HAL_LATENCY_CYCLES)
 #define LATE_SAMPLES 6u  // conversions during the longest delay of a tick; more: the count is wrong
 #define LEFT_BEHIND 2u   // samples kept after a surplus, so that the next tick has enough
-#define MARK 0x8000u     // of a sample that the interrupt has found beyond the trip
 
-// Every fourth slot, from the third on, is not a current sample: found without a table.
-#define OTHER_EVERY 4u
-#define OTHER_AT 2u
 #define BUS_EVERY 8u  // of these every second one is the bus
 
 _Static_assert(offsetof(AdcSequence, high) == offsetof(AdcSequence, low) + ADC_SEQUENCE_RING,
@@ -81,7 +77,7 @@ static uint16_t sample_of(const AdcSequence *self, uint8_t slot) {
 
 // Stores a sample that is none of the current; returns the bit of its channel.
 static uint8_t take_other(AdcTick *out, uint8_t slot, uint16_t counts) {
-    if (slot % BUS_EVERY == OTHER_AT) {
+    if (slot % BUS_EVERY == ADC_SEQUENCE_OTHER_AT) {
         out->latest[HAL_ADC_BUS] = counts;
         return 1u << HAL_ADC_BUS;  // no variable shift
     }
@@ -92,7 +88,7 @@ static uint8_t take_other(AdcTick *out, uint8_t slot, uint16_t counts) {
 
 // Counts of a marked sample, beyond the trip; saturated samples are a subset of these.
 static uint16_t unmarked(AdcTick *out, uint16_t marked) {
-    const uint16_t counts = (uint16_t)(marked & ~MARK);
+    const uint16_t counts = (uint16_t)(marked & ~ADC_SEQUENCE_MARK);
     out->trips = true;
     if (counts == 0u || counts == ADC_SEQUENCE_TOP_COUNT) {
         out->saturated = true;
@@ -112,11 +108,11 @@ void adc_sequence_tick(AdcSequence *self, AdcTick *out) {
     uint8_t fresh = 0;
     for (; due > 0u; due--, slot++) {
         uint16_t counts = sample_of(self, slot);
-        if (slot % OTHER_EVERY == OTHER_AT) {
+        if (slot % ADC_SEQUENCE_OTHER_EVERY == ADC_SEQUENCE_OTHER_AT) {
             fresh |= take_other(out, slot, counts);
             continue;
         }
-        if ((counts & MARK) != 0u) {
+        if ((counts & ADC_SEQUENCE_MARK) != 0u) {
             counts = unmarked(out, counts);
         }
         sum = (uint16_t)(sum + counts);
@@ -138,7 +134,8 @@ bool adc_sequence_on_result(AdcSequence *self, uint16_t counts) {
     self->head = (uint8_t)(head + 1u);
     self->low[at] = (uint8_t)counts;
     self->next_channel = self->after[at];
-    const bool beyond = head % OTHER_EVERY != OTHER_AT && trips(self, counts);
-    self->high[at] = (uint8_t)(beyond ? (counts | MARK) >> 8 : counts >> 8);
+    const bool beyond =
+        head % ADC_SEQUENCE_OTHER_EVERY != ADC_SEQUENCE_OTHER_AT && trips(self, counts);
+    self->high[at] = (uint8_t)(beyond ? (counts | ADC_SEQUENCE_MARK) >> 8 : counts >> 8);
     return beyond;
 }

@@ -12,6 +12,11 @@
 #define ADC_SEQUENCE_SLOTS 16u
 #define ADC_SEQUENCE_RING ADC_SEQUENCE_SLOTS  // two ticks
 #define ADC_SEQUENCE_TOP_COUNT 1023u
+#define ADC_SEQUENCE_MARK 0x8000u  // of a sample that the interrupt has found beyond the trip
+
+// Every fourth slot, from the third on, is not a current sample: found without a table.
+#define ADC_SEQUENCE_OTHER_EVERY 4u
+#define ADC_SEQUENCE_OTHER_AT 2u
 
 // Samples of a tick.
 typedef struct {

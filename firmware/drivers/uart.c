@@ -5,6 +5,7 @@
 
 void uart_init(Uart *self, uint8_t baud) {
     *self = (Uart){0};
+    ring_clear_frames(&self->send);
     hal_uart_start(baud);
 }
 
@@ -37,8 +38,8 @@ bool uart_receive(Uart *self, uint8_t *byte) {
     if (tail == self->receive_limit) {
         return false;
     }
-    *byte = self->receive.items[tail % RING_BYTES];
-    self->receive.tail = (uint8_t)(tail + 1u);
+    *byte = self->receive.items[tail];
+    self->receive.tail = (uint8_t)(tail + 1u) % RING_BYTES;
     return true;
 }
 

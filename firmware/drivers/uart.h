@@ -8,7 +8,7 @@
 #include "core/ring.h"
 
 typedef struct {
-    RingFrames send;
+    RingFrames send;  // its items and those of `receive` follow one another, see hal/avr/avr.h
     RingBytes receive;
     volatile uint8_t receive_limit;   // head of `receive` at the last tick: later bytes belong to
                                       // the next tick

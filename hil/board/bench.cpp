@@ -203,6 +203,7 @@ std::string Bench::statistics() const {
             json << separator << "\"" << name << "\": {\"count\": " << cost.count
                  << ", \"worst_cycles\": " << cost.worst << ", \"mean_cycles\": "
                  << static_cast<double>(cost.total) / static_cast<double>(cost.count)
+                 << ", \"changed\": " << cost.changed
                  << ", \"longest_wait_cycles\": " << cost.longest_wait
                  << ", \"waited_at_address\": " << cost.waited_at << "}";
             separator = ",\n  ";

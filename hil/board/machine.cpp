@@ -3,6 +3,7 @@
 // timing of silicon.
 #include "machine.hpp"
 
+#include <algorithm>
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
@@ -96,6 +97,13 @@ void Machine::fill_ram(std::uint32_t seed) {
     for (unsigned address = avr_->ioend + 1u; address <= avr_->ramend; ++address) {
         avr_->data[address] = static_cast<std::uint8_t>(random());
     }
+}
+
+Context Machine::context() const {
+    Context out;
+    std::copy_n(avr_->data, 32, out.begin());
+    std::copy_n(avr_->sreg, out.size() - 32, out.begin() + 32);
+    return out;
 }
 
 void Machine::own(unsigned address, Device &device) {

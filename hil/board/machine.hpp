@@ -21,6 +21,7 @@ namespace board {
 using Cycle = std::int64_t;
 constexpr Cycle NEVER = std::numeric_limits<Cycle>::max();
 constexpr int VECTORS_MAX = 64;
+using Context = std::array<std::uint8_t, 39>;  // r0 to r31; flags C to T of SREG, without I
 
 // Error that ends the run; the message is for the user.
 struct BoardError : std::runtime_error {
@@ -66,6 +67,7 @@ public:
     unsigned stack_pointer() const {
         return avr_->data[R_SPL] | static_cast<unsigned>(avr_->data[R_SPH]) << 8;
     }
+    Context context() const;
     std::size_t flash_words() const { return (avr_->flashend + 1u) / 2u; }
     unsigned io_end() const { return avr_->ioend; }
     int eeprom_size() const { return static_cast<int>(avr_->e2end) + 1; }

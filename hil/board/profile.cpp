@@ -7,7 +7,7 @@
 namespace board {
 namespace {
 
-constexpr unsigned GPIOR0 = 0x3e;
+constexpr unsigned MARKS = 0xb8;  // TWBR
 constexpr unsigned TICK_MARK = 1;
 constexpr unsigned CONTROL_MARK = 2;
 constexpr Cycle WINDOW_CYCLES = 1600000;  // 100 ms
@@ -15,14 +15,14 @@ constexpr Cycle WINDOW_CYCLES = 1600000;  // 100 ms
 }  // namespace
 
 Profile::Profile(Machine &machine, const Timer &tick) : machine_(machine), tick_(tick) {
-    machine.own(GPIOR0, *this);
+    machine.own(MARKS, *this);
     machine.add(*this);
     machine.watch(*this);
 }
 
 void Profile::write(unsigned short, std::uint8_t value) {
-    const unsigned before = machine_.peek(GPIOR0);
-    machine_.reg(GPIOR0) = value;
+    const unsigned before = machine_.peek(MARKS);
+    machine_.reg(MARKS) = value;
     const unsigned set = value & ~before;
     const unsigned cleared = before & ~static_cast<unsigned>(value);
     if ((set & TICK_MARK) != 0) {
@@ -38,7 +38,7 @@ void Profile::write(unsigned short, std::uint8_t value) {
 }
 
 std::uint8_t Profile::read(unsigned short) {
-    return machine_.reg(GPIOR0);
+    return machine_.reg(MARKS);
 }
 
 void Profile::begin_tick() {
@@ -79,7 +79,7 @@ void Profile::entered(int vector, Cycle at, Cycle waited, unsigned pc) {
     }
     lowest_stack_ = std::min(lowest_stack_, machine_.stack_pointer());
     since_ = since_ == 0 ? at : since_;
-    frames_.push_back({vector, at, 0});
+    frames_.push_back({vector, at, 0, machine_.context()});
 }
 
 void Profile::left(Cycle at) {
@@ -94,6 +94,7 @@ void Profile::left(Cycle at) {
     ++cost.count;
     cost.worst = std::max(cost.worst, own);
     cost.total += own;
+    cost.changed += machine_.context() != frame.context ? 1 : 0;
     if (!frames_.empty()) {
         frames_.back().nested += whole;
     }

@@ -12,6 +12,7 @@ struct VectorCost {
     long count = 0;
     Cycle worst = 0;  // entry, body and RETI, without nested interrupts
     Cycle total = 0;
+    long changed = 0;        // times that a register or flag differed after it
     Cycle longest_wait = 0;  // from the flag to the entry
     unsigned waited_at = 0;  // address of the instruction after the longest wait
 };
@@ -31,8 +32,8 @@ struct ControlCost {
     Cycle worst_at = 0;
 };
 
-// GPIOR0 holds the marks of the program: bit 0 is 1 during a tick, bit 1 during the controller's
-// step.
+// TWBR holds the marks of the program, which does not use the TWI: bit 0 is 1 during a tick, bit 1
+// during the controller's step.
 class Profile final : public Device, public InterruptWatch {
 public:
     Profile(Machine &machine, const Timer &tick);
@@ -64,6 +65,7 @@ private:
         int vector;
         Cycle entered;
         Cycle nested;  // cycles of the interrupts within it
+        Context context;
     };
     void begin_tick();
     void end_tick();

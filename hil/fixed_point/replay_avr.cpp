@@ -7,7 +7,7 @@
 
 namespace {
 
-constexpr uint8_t MARK_CONTROL = 2;  // bit of GPIOR0 that vgroove-board observes
+constexpr uint8_t MARK_CONTROL = 2;  // bit of TWBR that vgroove-board observes
 
 void put(uint8_t byte) {
     while ((UCSR0A & (1u << UDRE0)) == 0) {
@@ -38,9 +38,9 @@ void put_scaled(replay::Result value) {
 }
 
 template <class Stepped> void marked(Stepped &stepped) {
-    GPIOR0 = MARK_CONTROL;
+    TWBR = MARK_CONTROL;
     stepped.step();
-    GPIOR0 = 0;
+    TWBR = 0;
 }
 
 replay::Controller controller;

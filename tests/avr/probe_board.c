@@ -4,7 +4,7 @@
 // Commands, each argument a byte: t COUNT ticks, c ON captures, a COUNT results, k ON clear the
 // trigger flag of the ADC, n number of conversions, e ADDRESS VALUE write the EEPROM, g ADDRESS
 // read it, b HIGH_BELOW LOW_ABOVE REVERSE drive the bridge, o open it, s pins, r reset cause, w
-// wait for the watchdog, m a tick and a controller step between the marks of GPIOR0. Events go out
+// wait for the watchdog, m a tick and a controller step between the marks of TWBR. Events go out
 // as a letter and two bytes, high byte first: T tick stamp, C capture stamp, A result (channel in
 // the top bits), E EEPROM busy time in 8 cycles, G EEPROM byte, R reset cause, S pins, N number of
 // conversions.
@@ -254,12 +254,12 @@ static void execute(uint8_t command) {
     case 'm':  // a tick of about 1,000 cycles between its marks
         set_sleep_mode(SLEEP_MODE_IDLE);
         sleep_mode();
-        GPIOR0 |= 1u;
+        TWBR |= 1u;
         idle_loop(60u);
-        GPIOR0 |= 2u;  // with a controller step of 400 between its marks
+        TWBR |= 2u;  // with a controller step of 400 between its marks
         idle_loop(40u);
-        GPIOR0 &= (uint8_t)~2u;
-        GPIOR0 &= (uint8_t)~1u;
+        TWBR &= (uint8_t)~2u;
+        TWBR &= (uint8_t)~1u;
         break;
     default:
         break;

@@ -29,16 +29,21 @@ def burst(random_: random.Random) -> list[int]:
     return edges
 
 
-def burst_tape(seed: int) -> bytes:
-    """PWM periods at rest, a burst at every third result, a byte every second period."""
+def burst_tape(seed: int, every: int) -> bytes:
+    """PWM periods at rest, a burst and a byte at one of `every` results."""
     random_ = random.Random(seed)
     edges: list[list[int]] = [[] for _ in range(PERIODS + 8)]
-    for result in range(FIRST_RESULT + 3 * CADENCE, PERIODS * CYCLES_PER_PERIOD, 3 * CADENCE):
+    received = set()
+    step = every * CADENCE
+    for result in range(FIRST_RESULT + step, PERIODS * CYCLES_PER_PERIOD, step):
+        received.add((result - FIRST_TOP) // CYCLES_PER_PERIOD + 1)
         for edge in burst(random_):
             period, cycle = divmod(result + edge - FIRST_TOP, CYCLES_PER_PERIOD)
             edges[period].append(cycle)
     return b"".join(
-        pack_inputs(BoardInputs((512, 720, 100, 154), edges=edges[k], rx=b"\x55" if k % 2 else b""))
+        pack_inputs(
+            BoardInputs((512, 720, 100, 154), edges=edges[k], rx=b"\x55" if k in received else b"")
+        )
         for k in range(PERIODS)
     )
 
@@ -48,7 +53,7 @@ def test_bursts_of_interrupts_delay_no_conversion(
     target: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     (mcu, wait), stats = TARGETS[target], tmp_path / "stats.json"
-    board.replay(request.getfixturevalue(target), burst_tape(1), mcu=mcu, stats=stats)
+    board.replay(request.getfixturevalue(target), burst_tape(1, 3), mcu=mcu, stats=stats)
     report = read_statistics(stats)
     assert report["isr"]["ADC"]["longest_wait_cycles"] > wait, "the bursts cause no delay"
     assert report["adc"]["conversions"] >= PERIODS / 4 - 2
@@ -58,3 +63,15 @@ def test_bursts_of_interrupts_delay_no_conversion(
         == CADENCE
     )
     assert report["adc"]["channel_races"] == 0 and report["adc"]["lost"] == 0
+
+
+def test_interrupts_that_prepare_the_adc_change_no_register(uno_elf: Path, tmp_path: Path) -> None:
+    """With few bursts, so that the receive queue is never full. RX prepares on the Uno alone, where
+    a byte comes before the ADC interrupt that a burst delays.
+    """
+    stats = tmp_path / "stats.json"
+    board.replay(uno_elf, burst_tape(1, 24), mcu="atmega328p", stats=stats)
+    costs = read_statistics(stats)["isr"]
+    receive = costs["USART_RX"]
+    assert receive["worst_cycles"] > receive["mean_cycles"] + 5, "RX has not prepared"
+    assert [name for name, cost in costs.items() if cost["changed"]] == []

@@ -32,11 +32,12 @@ def build_of(mode: str) -> str:
 
 
 def keeps_budgets(found: dict) -> None:
-    """Asserts the budgets of tick, step and interrupts."""
+    """Asserts the budgets of tick, step and interrupts, and that interrupts change no register."""
     assert found["tick"]["worst_cycles"] <= TICK_CYCLES_MAX
     assert found["tick"]["late"] == 0
     assert found["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX
     assert found["isr_share_worst_100ms"] <= ISR_SHARE_MAX
+    assert [name for name, cost in found["isr"].items() if cost["changed"]] == []
 
 
 @pytest.mark.parametrize(

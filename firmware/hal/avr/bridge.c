@@ -1,26 +1,22 @@
 // Gates: leg A on the compare outputs of Timer0, leg B and the driver's enable on port pins.
 #include <avr/io.h>
 
+#include "hal/avr/avr.h"
 #include "hal/avr/board.h"
 #include "hal/hal.h"
 
-#define DISCONNECTED (1u << WGM00)  // phase-correct PWM, TOP 255; the pins follow PORT, which is 0
-#define CONNECTED (DISCONNECTED | (1u << COM0A1) | (1u << COM0B1) | (1u << COM0B0))
+#define CONNECTED (AVR_DISCONNECTED | (1u << COM0A1) | (1u << COM0B1) | (1u << COM0B0))
 
-// Always inline: in the ADC interrupt a call would save ten more registers.
-__attribute__((always_inline)) static inline void cut(void) {
+// In the same order as the ADC interrupt.
+void hal_bridge_cut(void) {
     BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT & ~(1u << BOARD_ENABLE_BIT));
-    TCCR0A = DISCONNECTED;
+    TCCR0A = AVR_DISCONNECTED;
     BOARD_B_PORT = (uint8_t)(BOARD_B_PORT & ~(1u << BOARD_B_HIGH_BIT));
     BOARD_B_PORT = (uint8_t)(BOARD_B_PORT & ~(1u << BOARD_B_LOW_BIT));
 }
 
-void hal_bridge_cut(void) {
-    cut();
-}
-
 void hal_bridge_open(void) {
-    cut();
+    hal_bridge_cut();
     OCR0A = 0;
     OCR0B = HAL_COMPARE_MAX;
 }

@@ -9,7 +9,7 @@
 #include "hal/avr/board.h"
 #include "hal/hal.h"
 
-App avr_app;
+AvrMemory avr_memory __attribute__((aligned(AVR_PAGE)));
 volatile uint8_t avr_ticks_waiting;
 
 // A switch pulls its pin to ground.
@@ -59,9 +59,9 @@ int main(void) {
     wdt_enable(WDTO_15MS);
     for (;;) {
         const uint8_t late = wait_for_tick();
-        GPIOR0 = AVR_MARK_TICK;
+        AVR_MARKS = AVR_MARK_TICK;
         app_tick(&avr_app, late);
-        GPIOR0 = 0;
+        AVR_MARKS = 0;
         avr_look_at_stack();
         if (avr_ticks_waiting == 0u) {
             wdt_reset();

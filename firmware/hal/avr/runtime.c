@@ -30,11 +30,11 @@ static uint16_t stack_free_bytes;
 
 // Searches the lowest byte that the stack has used, a few bytes after each tick.
 void avr_look_at_stack(void) {
-    static uint8_t *at = &_end;
+    static uint16_t at;  // from &_end
     for (uint8_t k = 0; k < PAINT_STEP; k++, at++) {
-        if (*at != PAINT) {
-            stack_free_bytes = (uint16_t)(at - &_end);
-            at = &_end;
+        if (*(&_end + at) != PAINT) {
+            stack_free_bytes = at;
+            at = 0;
             break;
         }
     }
@@ -59,11 +59,7 @@ uint8_t hal_reset_cause(void) {
 }
 
 void hal_mark_control(bool runs) {
-    if (runs) {
-        GPIOR0 |= AVR_MARK_CONTROL;
-    } else {
-        GPIOR0 &= (uint8_t)~AVR_MARK_CONTROL;
-    }
+    AVR_MARKS = runs ? AVR_MARK_TICK | AVR_MARK_CONTROL : AVR_MARK_TICK;
 }
 
 uint8_t hal_target(void) {

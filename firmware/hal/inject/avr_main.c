@@ -15,7 +15,7 @@
 
 _Static_assert(INJECT_BAUD == F_CPU / 8u / (DIVIDER_1000000 + 1u), "rate of the line");
 
-App avr_app;
+AvrMemory avr_memory;
 volatile uint8_t avr_ticks_waiting;
 static uint16_t tick_begin;  // BOARD_TCNT
 
@@ -23,33 +23,51 @@ ISR(TIMER2_COMPA_vect) {
     avr_ticks_waiting++;
 }
 
+// Frame of an interrupt handler in assembly that uses r24 and Z. Interrupts do not nest, so GPIOR1
+// and GPIOR2 keep Z; SREG and r24 go on the stack.
+#define INJECT_ISR_BEGIN                                                                           \
+    "out %[keep_low], r30\n\t"                                                                     \
+    "out %[keep_high], r31\n\t"                                                                    \
+    "push r24\n\t"                                                                                 \
+    "in r24, __SREG__\n\t"                                                                         \
+    "push r24\n\t"
+#define INJECT_ISR_END                                                                             \
+    "pop r24\n\t"                                                                                  \
+    "out __SREG__, r24\n\t"                                                                        \
+    "pop r24\n\t"                                                                                  \
+    "in r31, %[keep_high]\n\t"                                                                     \
+    "in r30, %[keep_low]\n\t"                                                                      \
+    "reti\n\t"
+#define INJECT_ISR_KEEP [keep_low] "I"(_SFR_IO_ADDR(GPIOR1)), [keep_high] "I"(_SFR_IO_ADDR(GPIOR2))
+
 // Pushes the byte to inject.received, in assembly: 57 of these within a tick.
 ISR(BOARD_RX_vect, ISR_NAKED) {
     __asm__ volatile(
-        AVR_ISR_BEGIN "lds r31, %[status]\n\t"  // error flags, read before the data
-                      "lds r24, %[data]\n\t"
-                      "andi r31, %[damaged]\n\t"
-                      "brne 3f\n\t"
-                      "lds r31, %[tail]\n\t"
-                      "lds r30, %[head]\n\t"
-                      "subi r31, -%[size]\n\t"
-                      "cp r31, r30\n\t"
-                      "breq 3f\n\t"
-                      "mov r31, r30\n\t"
-                      "inc r31\n\t"
-                      "sts %[head], r31\n\t"
-                      "andi r30, %[size] - 1\n\t"
-                      "ldi r31, 0\n\t"
-                      "subi r30, lo8(-(%[items]))\n\t"
-                      "sbci r31, hi8(-(%[items]))\n\t"
-                      "st Z, r24\n\t"
-                      "2: " AVR_ISR_END "3: lds r24, %[errors]\n\t"  // saturates at 255
-                      "inc r24\n\t"
-                      "breq 2b\n\t"
-                      "sts %[errors], r24\n\t"
-                      "rjmp 2b\n\t"
+        INJECT_ISR_BEGIN "lds r31, %[status]\n\t"  // error flags, read before the data
+                         "lds r24, %[data]\n\t"
+                         "andi r31, %[damaged]\n\t"
+                         "brne 3f\n\t"
+                         "lds r31, %[tail]\n\t"
+                         "lds r30, %[head]\n\t"
+                         "dec r31\n\t"
+                         "andi r31, %[size] - 1\n\t"
+                         "cp r31, r30\n\t"
+                         "breq 3f\n\t"
+                         "mov r31, r30\n\t"
+                         "inc r31\n\t"
+                         "andi r31, %[size] - 1\n\t"
+                         "sts %[head], r31\n\t"
+                         "ldi r31, 0\n\t"
+                         "subi r30, lo8(-(%[items]))\n\t"
+                         "sbci r31, hi8(-(%[items]))\n\t"
+                         "st Z, r24\n\t"
+                         "2: " INJECT_ISR_END "3: lds r24, %[errors]\n\t"  // saturates at 255
+                         "inc r24\n\t"
+                         "breq 2b\n\t"
+                         "sts %[errors], r24\n\t"
+                         "rjmp 2b\n\t"
         :
-        : AVR_ISR_KEEP, [status] "n"(_SFR_MEM_ADDR(UCSR0A)), [data] "n"(_SFR_MEM_ADDR(UDR0)),
+        : INJECT_ISR_KEEP, [status] "n"(_SFR_MEM_ADDR(UCSR0A)), [data] "n"(_SFR_MEM_ADDR(UDR0)),
           [damaged] "M"((1u << FE0) | (1u << DOR0)), [tail] "i"(&inject.received.tail),
           [head] "i"(&inject.received.head), [size] "M"(RING_BYTES),
           [items] "i"(&inject.received.items), [errors] "i"(&inject.errors));
@@ -58,26 +76,26 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
 // Pops a byte from inject.send, in assembly as above.
 ISR(BOARD_UDRE_vect, ISR_NAKED) {
     __asm__ volatile(
-        AVR_ISR_BEGIN "lds r30, %[tail]\n\t"
-                      "lds r24, %[head]\n\t"
-                      "cp r24, r30\n\t"
-                      "breq 2f\n\t"
-                      "mov r24, r30\n\t"
-                      "inc r24\n\t"
-                      "sts %[tail], r24\n\t"
-                      "andi r30, %[size] - 1\n\t"
-                      "ldi r31, 0\n\t"
-                      "subi r30, lo8(-(%[items]))\n\t"
-                      "sbci r31, hi8(-(%[items]))\n\t"
-                      "ld r24, Z\n\t"
-                      "sts %[data], r24\n\t"
-                      "1: " AVR_ISR_END
-                      "2: lds r24, %[control]\n\t"  // queue empty: off until hal_uart_wake
-                      "andi r24, %[silent]\n\t"
-                      "sts %[control], r24\n\t"
-                      "rjmp 1b\n\t"
+        INJECT_ISR_BEGIN "lds r30, %[tail]\n\t"
+                         "lds r24, %[head]\n\t"
+                         "cp r24, r30\n\t"
+                         "breq 2f\n\t"
+                         "mov r24, r30\n\t"
+                         "inc r24\n\t"
+                         "sts %[tail], r24\n\t"
+                         "andi r30, %[size] - 1\n\t"
+                         "ldi r31, 0\n\t"
+                         "subi r30, lo8(-(%[items]))\n\t"
+                         "sbci r31, hi8(-(%[items]))\n\t"
+                         "ld r24, Z\n\t"
+                         "sts %[data], r24\n\t"
+                         "1: " INJECT_ISR_END
+                         "2: lds r24, %[control]\n\t"  // queue empty: off until hal_uart_wake
+                         "andi r24, %[silent]\n\t"
+                         "sts %[control], r24\n\t"
+                         "rjmp 1b\n\t"
         :
-        : AVR_ISR_KEEP, [tail] "i"(&inject.send_tail), [head] "i"(&inject.send_head),
+        : INJECT_ISR_KEEP, [tail] "i"(&inject.send_tail), [head] "i"(&inject.send_head),
           [size] "M"(INJECT_SEND_BYTES), [items] "i"(&inject.send), [data] "n"(_SFR_MEM_ADDR(UDR0)),
           [control] "n"(_SFR_MEM_ADDR(UCSR0B)), [silent] "n"((uint8_t) ~(1u << UDRIE0)));
 }
@@ -145,9 +163,9 @@ int main(void) {
         if (inject_has_room() && take_tick()) {
             const uint8_t count = TCNT2;
             tick_begin = BOARD_TCNT;
-            GPIOR0 = AVR_MARK_TICK;
+            AVR_MARKS = AVR_MARK_TICK;
             inject_timer_tick(&avr_app, VGROOVE_BUILD_HASH, count);
-            GPIOR0 = 0;
+            AVR_MARKS = 0;
             avr_look_at_stack();
             wdt_reset();
         }

@@ -74,7 +74,7 @@ TEST(Ring, HoldsItsSizeAndDropsTheNext) {
     EXPECT_EQ(ring_count_words(&ring), 0);
 }
 
-TEST(Ring, WrapsAfter256Bytes) {
+TEST(Ring, WrapsAtItsSize) {
     RingBytes ring{};
     uint8_t out = 0;
     for (unsigned k = 0; k < 1000; ++k) {
@@ -88,7 +88,7 @@ TEST(Ring, WrapsAfter256Bytes) {
 TEST(Ring, DropsTheByteThatDoesNotFit) {
     RingBytes ring{};
     uint8_t out = 0;
-    for (unsigned k = 0; k < RING_BYTES; ++k)
+    for (unsigned k = 0; k < RING_BYTES - 1; ++k)
         ASSERT_TRUE(ring_push_byte(&ring, static_cast<uint8_t>(k)));
     EXPECT_FALSE(ring_push_byte(&ring, 0xFF));
     EXPECT_TRUE(ring_pop_byte(&ring, &out));
@@ -96,10 +96,16 @@ TEST(Ring, DropsTheByteThatDoesNotFit) {
     EXPECT_TRUE(ring_push_byte(&ring, 0xFF));
 }
 
+RingFrames empty_frames() {
+    RingFrames ring{};
+    ring_clear_frames(&ring);
+    return ring;
+}
+
 // Frames are built in their slots and sent byte by byte; a slot is free when the last byte of its
 // frame has been sent.
 TEST(RingFramesQueue, KeepsFramesWholeAndInOrder) {
-    RingFrames ring{};
+    RingFrames ring = empty_frames();
     uint8_t out = 0;
     unsigned built = 0, left = 0;
     for (unsigned round = 0; round < 200; ++round) {
@@ -116,7 +122,7 @@ TEST(RingFramesQueue, KeepsFramesWholeAndInOrder) {
 }
 
 TEST(RingFramesQueue, HoldsThreeFramesAndNotOneMore) {
-    RingFrames ring{};
+    RingFrames ring = empty_frames();
     uint8_t out = 0;
     for (const int free : {3, 2, 1}) {
         EXPECT_EQ(ring_frames_free(&ring), free);
