@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+from diagnosed_tools import diagnosed_tools
 from gap_growth import gap_growth
 from plausibility import FAULTY_RUNS, RUNS, plausibility
 from real_time import hil, serial_readers, streams
@@ -183,6 +184,7 @@ PROOFS = {
 }
 PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
 PROOFS |= {"soak": lambda folder, jobs: soak(HOURS, folder, jobs, kept)}
+PROOFS |= {"diagnosed_tools": lambda folder, jobs: diagnosed_tools(folder, jobs, kept)}
 PROOFS |= {"plausibility": lambda _folder, jobs: plausibility(RUNS, FAULTY_RUNS, jobs)}
 PROOFS |= {
     "serial_readers": lambda _folder, _jobs: serial_readers(),
