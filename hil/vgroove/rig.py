@@ -177,7 +177,7 @@ class Rig:
 
 
 def _numbers(where: str, values: Mapping[str, Any], form: Form | None) -> dict[str, float]:
-    """Numbers of a table by dotted key; the flag of a form is 1 for its second word, else 0."""
+    """Numbers of a table by dotted key; the flag of a form is the index of its word."""
     flat = {f"{where}.{k}": float(v) for k, v in values.items() if isinstance(v, int | float)}
     if form and form.key in values:
         flat[f"{where}.{form.flag}"] = float(form.words.index(values[form.key]))

@@ -1,6 +1,6 @@
 // Simulation of a log: parameter sets with the same effects are simulated in the lanes of one
-// vector, the groups on several threads; a lag in the form of a delay is applied to the finished
-// columns.
+// vector, the groups on several threads; a lag in the form of a delay or a mean is applied to the
+// finished columns.
 #include "drivetrain/log.hpp"
 
 #include <algorithm>

@@ -281,6 +281,8 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     chosen = drawn_tools(TOOLS)[options.first : options.first + options.tools]
+    if not chosen:
+        parser.error(f"there are {TOOLS} tools: --first is 0 to {TOOLS - 1}")
     found = [chain(tool, options.drives, options.jobs) for tool in chosen]
     sys.stdout.write(json.dumps(summary(found), indent=1) + "\n")
     return 0

@@ -78,6 +78,26 @@ def test_another_parameter_of_the_firmware_is_no_gap_of_the_plant() -> None:
     assert closed_loop(log, rig(), rig(), right).nominal is None
 
 
+@pytest.mark.parametrize("pulses", [1, 2])
+def test_a_board_with_another_hall_sensor_is_simulated_with_its_own(pulses: int) -> None:
+    tool = rig().with_values({"sensors.hall_pulses_per_rev": pulses})
+    params = {"hall_pulses": pulses}
+    run = sil_run(tool, params=params, profile=pull(0.9), duration_s=1.0, seed=4711)
+    rows = dict(run.telemetry)
+    log = Log(rows.pop("time_s"), rows, "board.csv")
+    claim = FirmwareClaim("duty", params)
+    assert closed_loop(log, tool, tool, claim).nominal is None
+    unstated = rig_without_pulses()
+    assert closed_loop(log, unstated, unstated, claim).nominal is None
+
+
+def rig_without_pulses() -> Rig:
+    """The tool's rig without its Hall sensor: the firmware's parameter states it."""
+    data = rig().as_dict()
+    data["sensors"].pop("hall_pulses_per_rev")
+    return rig_from_dict(data, "test")
+
+
 def test_a_rig_that_no_duty_drives_has_no_closed_loop() -> None:
     tool = reference("hard_joint")
     data = tool.as_dict() | {"input": {"kind": "voltage_v"}}
@@ -95,16 +115,16 @@ def log_of(trigger: list[float], duty: list[float]) -> Log:
 
 def test_between_two_messages_the_trigger_rises_with_line_and_duty() -> None:
     log = log_of([0, 0.2, 0.2, 0.2, 0.2, 0.8, 0.8, 0.8], [0, 0, 0, 0, 0.5, 0.6, 0.7, 0.8])
-    share, is_told = trigger_share(log)
+    share, is_known = trigger_share(log)
     np.testing.assert_allclose(share, [0, 0.2, 0.5, 0.6, 0.7, 0.8, 0.8, 0.8])
-    assert is_told.all()
+    assert is_known.all()
 
 
 def test_where_the_duty_falls_with_it_the_trigger_is_not_known() -> None:
     log = log_of([0.8] * 6 + [0.0] * 2, [0.5, 0.6, 0.6, 0.6, 0.6, 0.4, 0.3, 0.0])
-    share, is_told = trigger_share(log)
+    share, is_known = trigger_share(log)
     np.testing.assert_allclose(share, [0.8, 0.8, 0.8, 0.4, 0.3, 0.0, 0.0, 0.0])
-    assert is_told.tolist() == [True] * 3 + [False] * 3 + [True] * 2
+    assert is_known.tolist() == [True] * 3 + [False] * 3 + [True] * 2
 
 
 @pytest.mark.parametrize(

@@ -787,7 +787,8 @@ def test_a_member_whose_size_may_be_none_is_not_named(
     monkeypatch.setattr(
         decision, "unknown_sizes", lambda _, one: [i for i in one.ids if i in unknown]
     )
-    found = decision.with_known_sizes(selected(state, best), structure(False))
+    monkeypatch.setattr(decision, "remaining", lambda *_: structure(False))
+    found = decision.with_known_sizes(selected(state, best), structure(True), {})
     assert (found.verdict, found.best.ids) == (verdict, tuple(named))
 
 
@@ -801,6 +802,7 @@ def test_a_member_whose_size_may_be_none_is_not_named(
         ("asymmetric_friction", {"forward_nm": (-1.0, 1.0), "backward_nm": (0.1, 1.0)}, True),
         ("asymmetric_friction", {"forward_nm": (-1.0, 1.0), "backward_nm": (-0.1, 1.0)}, False),
         ("cogging_torque", {"torque_nm": (-1.0, 1.0), "periods_per_rev": (5.0, 7.0)}, False),
+        ("wood_knot", {"torque_nm": (-5.0, 5.0), "from_rad": (1.0, 3.0)}, False),
         # off at infinity: its other numbers are 0 without it
         ("coupler_compliance", {"stiffness_nm_per_rad": (-1.0, 1.0), "damping_ratio": None}, True),
     ],

@@ -299,9 +299,12 @@ def check_start(sent: bytes, mode: str | int, number: int) -> None:
 
 
 def make_tool(rig: Rig, seed: int) -> Any:
-    """The rig as a lock-step plant; the seed draws the position of its Hall sensor on the shaft."""
+    """The rig as a lock-step plant with its Hall sensor, where it states none that of the reference
+    drive; the seed draws the sensor's position on the shaft.
+    """
+    pulses = rig.sensors.get("hall_pulses_per_rev") or sensors()["hall_pulses_per_rev"]
     hall = {
-        "hall_pulses_per_rev": sensors()["hall_pulses_per_rev"],
+        "hall_pulses_per_rev": int(pulses),
         "hall_offset_rad": float(np.random.default_rng(seed).uniform(0.0, TURN_RAD)),
     }
     if rig.mechanism["kind"] == "drill_driver":

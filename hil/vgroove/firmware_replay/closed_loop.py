@@ -1,12 +1,12 @@
 """The believed firmware in closed loop with the simulated tool: which signal of a log leaves the
 simulation first, that of the rig and that of the corrected one.
 
-What no log tells (start angle of the hammer, position of the Hall sensor, noise) differs from run
-to run of the simulation; a log within the spread of the runs has no gap.
+What is not measured (start angle of the hammer, position of the Hall sensor, noise) differs from
+run to run of the simulation; a log within the spread of the runs has no gap.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from vgroove.control_bench.draw import START_RAD
 from vgroove.control_bench.runs import RunPlan, run_plan
 from vgroove.firmware_replay.claim import FirmwareClaim
 from vgroove.firmware_replay.rows import ROW_S
+from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.lockstep import ADC_COUNTS, TRAVEL_AT_REST, TRAVEL_SPAN, Profile
 from vgroove.log import Log
 from vgroove.rig import Rig
@@ -43,8 +44,8 @@ Rows = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Departure:
-    """The first row that lies outside the simulation: its index, the signal, the log's value, and
-    the least and largest value of the runs.
+    """The first row that lies outside the simulation: its index, the signal, the log's value, the
+    least and largest value of the runs, and the row's time in the log.
     """
 
     row: int
@@ -52,11 +53,7 @@ class Departure:
     logged: float
     least: float
     most: float
-
-    @property
-    def time_s(self) -> float:
-        """Time of the row."""
-        return round((self.row + 1) * ROW_S, 6)
+    time_s: float = np.nan
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -103,10 +100,11 @@ def _words(found: Departure | None, what: str) -> str:
 
 
 def closed_loop(log: Log, rig: Rig, corrected: Rig, claim: FirmwareClaim) -> ClosedLoop | None:
-    """The closed loop of a log with the believed firmware; None for a rig that no duty drives.
-    corrected: the rig with the effects that a diagnosis has named, and retuned values.
+    """The closed loop of a log with the believed firmware; None for a rig that no duty drives, or
+    that does not state its supply. corrected: the rig with the effects that a diagnosis has named,
+    and retuned values.
     """
-    if rig.input["kind"] != "duty":
+    if rig.input["kind"] != "duty" or not rig.supply.get("voltage_v"):
         return None
     same = (corrected.parameters() == rig.parameters()).all()
     nominal = first_departure(log, rig, claim)
@@ -117,19 +115,22 @@ def closed_loop(log: Log, rig: Rig, corrected: Rig, claim: FirmwareClaim) -> Clo
 def first_departure(log: Log, rig: Rig, claim: FirmwareClaim) -> Departure | None:
     """Where a log of rows from the board's start on leaves the closed loop of the believed firmware
     and a rig first; None where it does not. Measured signals count while the bridge drives and the
-    log tells the trigger. VgrooveError for a rig that cannot be simulated.
+    trigger is known. VgrooveError for a rig that cannot be simulated.
     """
     runs = simulated_runs(log, rig, claim)
     length = min(len(log.time_s), *(len(run["duty"]) for run in runs))
     logged, *runs = (
-        {name: rows[name][:length] for name in (*COLUMNS, *WIDTHS) if name in rows}
+        {name: hold_last_value(rows[name][:length]) for name in (*COLUMNS, *WIDTHS) if name in rows}
         for rows in (log.columns, *runs)
     )
     states = [state_departure(name, logged, runs, length) for name in MESSAGES if name in logged]
-    told = trigger_share(log)[1][:length] & (logged["duty"] != 0.0)
-    measured = [measured_departure(name, logged, runs, told) for name in WIDTHS if name in logged]
+    judged = trigger_share(log)[1][:length] & (logged["duty"] != 0.0)
+    measured = [measured_departure(name, logged, runs, judged) for name in WIDTHS if name in logged]
     found = [f for f in (*states, *measured) if f is not None]
-    return min(found, key=lambda f: f.row, default=None)
+    if not found:
+        return None
+    first = min(found, key=lambda f: f.row)
+    return replace(first, time_s=float(log.time_s[first.row]))
 
 
 def simulated_runs(log: Log, rig: Rig, claim: FirmwareClaim) -> list[Rows]:
@@ -156,7 +157,7 @@ def on_start(rig: Rig, start_rad: float) -> Rig:
 
 def simulated(log: Log, rig: Rig, claim: FirmwareClaim, profile: Profile, seed: int) -> Rows:
     """Telemetry of one run as long as a log."""
-    seconds = float(log.time_s[-1]) + 2 * ROW_S
+    seconds = (len(log.time_s) + 2) * ROW_S
     return run_plan(rig, RunPlan(profile, claim.mode, claim.params, seconds, seed=seed)).telemetry
 
 
@@ -175,26 +176,33 @@ def likeliest_rows(log: Log, rig: Rig, claim: FirmwareClaim) -> int:
 
 
 def trigger_profile(log: Log, claim: FirmwareClaim, rows: int) -> Profile:
-    """The travel of the trigger and the direction switch that a log shows, `rows` before the rows
-    that report them.
+    """The travel of the trigger, the direction switch and the load that a log shows; trigger and
+    switch are `rows` before the rows that report them. Rows are ticks of the board's clock.
     """
     share, _ = trigger_share(log)
     low, high = claim.raw("trigger_low_count"), claim.raw("trigger_high_count")
     counts = low + share * (high - low)
     travel = np.where(share > 0.0, (counts / (ADC_COUNTS - 1) - TRAVEL_AT_REST) / TRAVEL_SPAN, 0.0)
-    time_s = np.maximum(log.time_s - rows * ROW_S, 0.0)
-    return Profile(travel=steps_of(time_s, travel), reverse=steps_of(time_s, reversed_rows(log)))
+    ends_s = ROW_S * np.arange(1, len(log.time_s) + 1)
+    time_s = np.maximum(ends_s - rows * ROW_S, 0.0)
+    load_nm = hold_last_value(log["load_nm"]) if "load_nm" in log else np.zeros(len(ends_s))
+    return Profile(
+        travel=steps_of(time_s, travel),
+        reverse=steps_of(time_s, reversed_rows(log)),
+        load_nm=steps_of(ends_s - ROW_S, load_nm),
+    )
 
 
 def trigger_share(log: Log) -> tuple[np.ndarray, np.ndarray]:
-    """Trigger (n,), 0..1, and whether a log tells it (n,). A board sends it with each change of its
+    """Trigger (n,), 0..1, and whether it is known (n,). A board sends it with each change of its
     state and once a second. Between two messages it rises along the straight line to the next
     value, or with the duty where that is larger; it is not known while the duty falls with it.
     """
-    sent, duty = np.nan_to_num(log["trigger"]), np.abs(np.nan_to_num(log["duty"]))
+    sent = np.nan_to_num(hold_last_value(log["trigger"]))
+    duty = np.abs(np.nan_to_num(log["duty"]))
     duty = np.append(duty[DUTY_ROWS:], duty[-DUTY_ROWS:])
     begins = [0, *(np.flatnonzero(np.diff(sent)) + 1), len(sent)]
-    share, is_told = sent.copy(), np.ones(len(sent), bool)
+    share, is_known = sent.copy(), np.ones(len(sent), bool)
     for first, last in zip(begins[:-1], begins[1:], strict=True):
         following = sent[min(last, len(sent) - 1)]
         if following > sent[first] > 0.0:
@@ -204,8 +212,8 @@ def trigger_share(log: Log) -> tuple[np.ndarray, np.ndarray]:
         elif following < sent[first]:
             fall = first + fall_begin(duty[first:last])
             share[fall:last] = np.clip(duty[fall:last], following, sent[first])
-            is_told[fall:last] = False
-    return share, is_told
+            is_known[fall:last] = False
+    return share, is_known
 
 
 def fall_begin(duty: np.ndarray) -> int:
@@ -291,8 +299,8 @@ def changes(name: str, rows: Rows) -> list[Change]:
     """The changes of a state, in their order. What the board does before its first message is
     unknown.
     """
-    told = [np.diff(rows[n]) != 0.0 for n in MESSAGES[name] if n in rows]
-    messages = np.flatnonzero(np.any(told, axis=0)) + 1
+    changed = [np.diff(rows[n]) != 0.0 for n in MESSAGES[name] if n in rows]
+    messages = np.flatnonzero(np.any(changed, axis=0)) + 1
     values = rows[name]
     found = []
     for before, row in zip([0, *messages], messages, strict=False):

@@ -11,6 +11,7 @@ import tomli_w
 import typer
 from rich.console import Console
 
+from vgroove.errors import VgrooveError
 from vgroove.firmware_replay.command import (
     firmware_results,
     firmware_section,
@@ -74,7 +75,10 @@ def diagnose_files(inputs: InputPaths, outputs: OutputPaths, options: DiagnosisO
     verdict = _diagnosed(logs, rig, options, notes)
     if inputs.firmware is not None:
         tools = _tools_of_logs(rig, verdict.corrected_rig(), options.joints, len(logs))
-        replayed = with_closed_loops(replayed, logs, inputs.firmware, options.columns, tools)
+        try:
+            replayed = with_closed_loops(replayed, logs, inputs.firmware, options.columns, tools)
+        except VgrooveError as error:  # the verdict is written all the same
+            print_warning(notes, f"no closed loop: {error}")
     name = ", ".join(path.name for path in logs)
     result = CaseResult(Case(name, logs, inputs.rig), time.monotonic() - begin, verdict)
     texts = output_texts(verdict, [path.name for path in logs], outputs, replayed)

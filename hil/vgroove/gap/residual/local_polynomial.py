@@ -230,7 +230,7 @@ def quadratic(
 
 def shrunk(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
     """Values (n,) with standard deviations (n,), each shrunk towards 0 by the share of its square
-    that noise explains (positive part, James and Stein 1961). A lag of the sensor multiplies slope
+    that noise explains (Breiman, Technometrics 37(4), 1995). A lag of the sensor multiplies slope
     and curvature, and with them their noise.
     """
     noise = sigmas**2 / np.maximum(values**2, MIN_SQUARE)

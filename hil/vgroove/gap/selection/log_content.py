@@ -60,9 +60,13 @@ def turns_both_ways(problem: Problem) -> bool:
 
 
 def turned(problem: Problem) -> float:
-    """Turns of the motor between the outermost angles of the log that turns furthest."""
+    """Turns of the motor between the outermost angles of the log that turns furthest; infinite
+    where neither speed nor angle is logged.
+    """
     ranges = []
     for j, log in enumerate(problem.logs):
+        if not {"speed_rpm", "position_rad"} & set(log.columns):
+            return np.inf
         steps = np.diff(np.asarray(log.time_s, float), prepend=log.time_s[0])
         ranges.append(float(np.ptp(np.cumsum(measured_speed(problem, j) * steps))))
     return max(ranges) / TURN_RAD
@@ -108,9 +112,9 @@ def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
     the shaft turns by MIN_PERIODS of its periods. On a hammering tool those of its joint, and of
     several logs nothing that repeats with an angle, since it is not known where each log begins.
     """
-    effects = available(log_flags(problem), without)
+    effects = [e for e in available(log_flags(problem), without) if repeats(e, problem)]
     if problem.rig.mechanism["kind"] != "impact":
-        return [e for e in effects if repeats(e, problem)]
+        return effects
     load, several = problem.rig.load["kind"], len(problem.logs) > 1
     return [e for e in effects if not (e.periodic and several) and (not e.loads or load in e.loads)]
 

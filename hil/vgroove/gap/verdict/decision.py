@@ -86,7 +86,7 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
     if best.ids and stands_for_excluded(search, best):
         return Finding("unlisted", best, [], remainder)
     if not remainder.significant or (best.ids and not leaves_visible_gap(search, best)):
-        return without_remainder(selection, remainder)
+        return without_remainder(selection, remainder, covariates)
     if not best.ids and not is_unlisted_gap(search, best, remainder):
         return Finding("none", best, [], remainder)
     found = established_part(selection, covariates)
@@ -96,7 +96,7 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
     if search.problem.sigma_is_bound and not search.closes_established_share(part):
         part = search.retuned
     if not part.ids:
-        return without_established(selection, remainder)
+        return without_established(selection, remainder, covariates)
     same = key(part.ids) == key(best.ids)
     left = remainder if same else remaining(search, part, covariates)
     return replace(named(search, part, found.rivals, left), search=found.search)
@@ -162,27 +162,31 @@ def is_limited_by_noise(search: Search, best: Fit) -> bool:
     return search.gap_problem is None and not search.is_far_from_noise(best)
 
 
-def without_remainder(selection: Selection, remainder: Remainder) -> Finding:
+def without_remainder(
+    selection: Selection, remainder: Remainder, covariates: Covariates
+) -> Finding:
     """The finding on a set that leaves no significant remainder."""
     if not selection.best.ids:
         return Finding("none", selection.best, [], remainder)
-    return with_known_sizes(selection, remainder)
+    return with_known_sizes(selection, remainder, covariates)
 
 
-def without_established(selection: Selection, remainder: Remainder) -> Finding:
+def without_established(
+    selection: Selection, remainder: Remainder, covariates: Covariates
+) -> Finding:
     """The finding on a set of which no member is established: it is named only near the noise,
     where it must close enough.
     """
     search, best = selection.search, selection.best
     if not best.ids or is_doubtful(search, best) or not is_limited_by_noise(search, best):
         return Finding("unlisted", best, [], remainder)
-    return with_known_sizes(selection, remainder)
+    return with_known_sizes(selection, remainder, covariates)
 
 
-def with_known_sizes(selection: Selection, remainder: Remainder) -> Finding:
-    """The verdict that names the members of a set, not all of them established, whose sizes are
-    known: a size whose 95 % interval contains 0 may be none. Unlisted where there is no such
-    member, or where the others close too little.
+def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Covariates) -> Finding:
+    """The verdict that names the members of a set whose sizes are known, without asking whether
+    they are established: a size whose 95 % interval contains 0 may be none. Unlisted where no
+    member is left, or where the others close too little or end far from the noise.
     """
     search, best = selection.search, selection.best
     known = best
@@ -190,9 +194,10 @@ def with_known_sizes(selection: Selection, remainder: Remainder) -> Finding:
         known = fit_without(search, known, unknown[0]) if len(known.ids) > 1 else search.retuned
     if known is best:
         return named(search, best, selection.rivals, remainder)
-    if not known.ids or is_doubtful(search, known):
+    if not known.ids or is_doubtful(search, known) or not is_limited_by_noise(search, known):
         return Finding("unlisted", best, [], remainder)
-    return named(search, known, tied_rivals(search, known), remainder)
+    left = remaining(search, known, covariates)
+    return named(search, known, tied_rivals(search, known), left)
 
 
 def unknown_sizes(search: Search, one: Fit) -> list[str]:
@@ -205,10 +210,12 @@ def unknown_sizes(search: Search, one: Fit) -> list[str]:
 
 
 def is_known_size(parameters: Mapping[str, ParameterEstimate], effect: Effect) -> bool:
-    """Whether the interval of one of the numbers that are 0 without the effect does not contain
-    0. The size of an effect that is off at infinity (a limit, a stiffness) is always known.
+    """Whether the interval of one of the effect's sizes (its switches, or numbers of the unit of
+    its leading one) does not contain 0. The size of an effect that is off at infinity (a limit, a
+    stiffness) is always known.
     """
-    sizes = [p.name for p in effect.parameters if p.neutral == 0.0 and p.name in parameters]
+    alike = [p.name for p in effect.parameters if p.unit == effect.leading.unit]
+    sizes = [name for name in effect.switch or alike if name in parameters]
     intervals = [parameters[name].ci95 for name in sizes]
     is_limit = effect.leading.neutral != 0.0
     return is_limit or any(i is None or i[0] > 0.0 or i[1] < 0.0 for i in intervals)
