@@ -397,8 +397,8 @@ def test_fits_near_the_best_are_continued_to_convergence() -> None:
 
 
 def test_a_set_is_fitted_in_each_of_its_forms() -> None:
-    """speed_lag is a lag or a delay, clock_skew is of the logger's or the command's clock. No
-    gradient leads from one form to another, so all four combinations are fitted, whichever the
+    """speed_lag is a lag, a delay or a mean, clock_skew is of the logger's or the command's clock.
+    No gradient leads from one form to another, so all six combinations are fitted, whichever the
     related fit has.
     """
     state = begun_search(Toy({}))
@@ -406,7 +406,7 @@ def test_a_set_is_fitted_in_each_of_its_forms() -> None:
     related = state.engine.hypotheses([BY_ID["current_gain"], BY_ID["speed_lag"]])[-1]
     near = state.engine.fit([replace(related, start=np.full(len(related.start), 0.5))], 0)[0]
     tried = candidate_sets.hypotheses_near(state, ["speed_lag", "clock_skew"], near)
-    assert len({h.fixed for h in tried}) == len(tried) == 4 and all(
+    assert len({h.fixed for h in tried}) == len(tried) == 6 and all(
         h.start[0] == 0.5 for h in tried
     )
     assert (

@@ -168,9 +168,10 @@ def local_fit(seen: Observations, time_s: float) -> LocalFit:
     middle = int(np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s))
     narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
     best = min((narrow, *_adequate(wider)), key=lambda found: found.sigmas)
+    rates = min((narrow, *wider), key=lambda found: found.slope_sigma)
+    best = replace(best, slope=rates.slope, curvature=rates.curvature)
     if best.sigmas < LOCAL_FIT.max_sigmas or seen.pitch is None:
-        rates = min((narrow, *wider), key=lambda found: found.slope_sigma)
-        return replace(best, slope=rates.slope, curvature=rates.curvature)
+        return best
     with_pattern = (
         quadratic(seen, time_s, middle, count, True)
         for count in NEIGHBOURS
