@@ -19,7 +19,7 @@ from truth_helpers import BY_ID, CATALOGUE, TRUTH, setting_of
 import bench_draw  # isort: skip
 import gap_bench  # isort: skip
 import responses  # isort: skip
-from bench_plan import MEASURED, SETS, Entry, plan, simulated_plan  # isort: skip
+from bench_plan import MEASURED, MEASURED_SERIES, SETS, Entry, plan, simulated_plan  # isort: skip
 from forms import FORMS, other_form  # isort: skip
 from rigs import TOLERANCE  # isort: skip
 from vgroove.errors import VgrooveError
@@ -112,11 +112,14 @@ def test_the_cases_of_exact_and_hard_have_their_numbers_whatever_follows_them(ha
 
 @pytest.mark.parametrize("half", SETS)
 def test_the_regime_with_disturbances_has_the_cases_of_the_page(half: str) -> None:
-    entries = [e for e in plan(half) if e.regime == "measured"]
-    assert Counter(e.kind for e in entries) == MEASURED
-    assert sum(MEASURED.values()) >= 200
-    assert {e.first for e in entries if e.kind == "single"} == {e.id for e in CATALOGUE}
-    assert {e.kind for e in entries[:20]} == set(MEASURED)
+    every = [e for e in plan(half) if e.regime == "measured"]
+    size = sum(MEASURED.values())
+    assert size >= 200 and len(every) == MEASURED_SERIES * size
+    for first in range(0, len(every), size):
+        entries = every[first : first + size]
+        assert Counter(e.kind for e in entries) == MEASURED
+        assert {e.first for e in entries if e.kind == "single"} == {e.id for e in CATALOGUE}
+        assert {e.kind for e in entries[:20]} == set(MEASURED)
 
 
 def test_the_first_cases_of_the_plan_are_of_all_kinds() -> None:
@@ -539,4 +542,4 @@ def test_the_generator_lists_the_cases_of_a_regime(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     numbers = [number for number, _ in json.loads(done.stdout)]
     simulated = len(simulated_plan("tune"))
-    assert numbers == list(range(simulated, simulated + sum(MEASURED.values())))
+    assert numbers == list(range(simulated, simulated + MEASURED_SERIES * sum(MEASURED.values())))

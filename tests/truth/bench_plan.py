@@ -9,8 +9,10 @@ from effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
 SEED = 20261121
 SETS = ("tune", "report")
 PER_EFFECT, NONES, PAIRS, TRIPLES, OUTSIDE = 20, 300, 150, 40, 100
-# Cases of the regime `measured` in a half: singles, pairs, disturbances alone
+# Cases of the regime `measured` in a series of a half: singles, pairs, disturbances alone. A new
+# series is appended when those of the others have been looked at
 MEASURED = {"single": 100, "pair": 50, "disturbances": 50}
+MEASURED_SERIES = 2
 REGIMES = ("exact", "hard", "measured")
 SIZES = {
     "exact": (3.0, 10.0),
@@ -45,24 +47,27 @@ class Entry:
 
 def plan(half: str) -> list[Entry]:
     """The cases of a half: those of the regimes `exact` and `hard` in a random order, so that the
-    first n are a sample of them, and after them those of `measured` in another random order.
+    first n are a sample of them, and after them each series of `measured` in a random order of its
+    own.
     """
-    simulated = simulated_plan(half)
-    return simulated + measured_plan(half, len(simulated))
+    entries = simulated_plan(half)
+    for series in range(MEASURED_SERIES):
+        entries += measured_plan(half, len(entries), series)
+    return entries
 
 
-def measured_plan(half: str, first: int) -> list[Entry]:
-    """The cases of the regime `measured` with numbers from `first` on. Both halves together have
-    nearly equally many cases of each effect.
+def measured_plan(half: str, first: int, series: int) -> list[Entry]:
+    """A series of the regime `measured` with numbers from `first` on. Both halves of a series
+    together have nearly equally many cases of each effect.
     """
     kinds = []
     for kind, count in MEASURED.items():
-        begin = SETS.index(half) * count
+        begin = (len(SETS) * series + SETS.index(half)) * count
         kinds += [
             (kind, "" if kind == "disturbances" else CATALOGUE[n % len(CATALOGUE)].id)
             for n in range(begin, begin + count)
         ]
-    order = np.random.default_rng([SEED, SETS.index(half), 3]).permutation(len(kinds))
+    order = np.random.default_rng([SEED, SETS.index(half), 3, series]).permutation(len(kinds))
     return [
         Entry(half, first + n, kinds[k][0], "measured", kinds[k][1]) for n, k in enumerate(order)
     ]
