@@ -11,6 +11,7 @@ from made_log import MadeLog, rig
 from vgroove import _core
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows, rows_after_holes
 from vgroove.gap.cleaning.missing_values import interpolate_to_known_levels
+from vgroove.gap.residual.clean_log import clean_log
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.measured_run import prepare_run
 from vgroove.rig import Rig
@@ -97,7 +98,7 @@ def test_a_command_that_steps_in_every_row_is_judged_despite_missing_samples() -
     )
     speed = rows["speed_measured_rad_s"][0] * 30.0 / np.pi + 2.0 * rng.standard_normal(len(GRID))
     command = np.where(rng.uniform(size=len(GRID)) > 0.02, duty, np.nan)
-    run = prepare_run(MadeLog(GRID, {"duty": command, "speed_rpm": speed}), tool, 0.25)
+    run = prepare_run(clean_log(MadeLog(GRID, {"duty": command, "speed_rpm": speed}), tool), 0.25)
     assert len(run.channels[0].row) > 0.9 * len(GRID)
 
 
@@ -126,7 +127,9 @@ def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> N
     command[np.abs(GRID - 2.0) < 0.5 / HZ] = np.nan
     command[GRID < 0.2] = 0.9
     rows = logged(tool, GRID)
-    run = prepare_run(replace(rows, columns=rows.columns | {"duty": command}), tool, 0.25)
+    run = prepare_run(
+        clean_log(replace(rows, columns=rows.columns | {"duty": command}), tool), 0.25
+    )
     judged = run.channels[0].time_s
     after = judged[(judged > 2.0) & (judged < 2.05)]
     assert len(after) == 0 if change > 0.1 else len(after) > 10

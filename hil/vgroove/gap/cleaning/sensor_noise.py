@@ -2,6 +2,8 @@
 where the rig states none; never from a model's residual.
 """
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -9,6 +11,7 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.lib.stride_tricks import sliding_window_view
 
+from vgroove.gap.cleaning.missing_values import has_values
 from vgroove.rig import Rig
 
 # filter of Savitzky and Golay (Anal. Chem. 36(8), 1964) whose residual is taken as noise: window,
@@ -167,6 +170,29 @@ def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
     else:
         sigma = np.hypot(noise, rounding)
     return float(max(sigma, MIN_SIGMA[column]))
+
+
+def noise_of(rig: Rig, time_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Standard deviation of the noise of each measured column that a log has, in its unit."""
+    noise = {c: column_sigma(rig, c, columns[c]) for c in NOISE_KEYS if has_values(columns, c)}
+    if has_values(columns, "position_rad"):
+        noise["position_rad"] = position_sigma(rig, time_s, columns["position_rad"])
+    return noise
+
+
+def pooled_noise(
+    rows: Sequence[Mapping[str, int]], noise: Sequence[Mapping[str, float]]
+) -> dict[str, float]:
+    """Standard deviation of each column's noise over several logs of one tool, in its unit: the
+    mean square of those of the logs, by their known rows. One sensor measured all of them; a log in
+    which it rests shows less of its noise than there is.
+    """
+    power, total = Counter[str](), Counter[str]()
+    for known, sigmas in zip(rows, noise, strict=True):
+        for name, sigma in sigmas.items():
+            power[name] += known[name] * sigma**2
+            total[name] += known[name]
+    return {name: float(np.sqrt(power[name] / total[name])) for name in power}
 
 
 def resolution_of(values: np.ndarray) -> float:

@@ -10,6 +10,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue import LOADS_BEHIND
 from vgroove.gap.cleaning.missing_values import hold_last_value
+from vgroove.gap.cleaning.sensor_noise import noise_of
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.impact.roll_outs import MODE
 from vgroove.gap.residual.inputs import read_input
@@ -80,7 +81,8 @@ def nominal_pairs(log: Log, rig: Rig, time_factor: float = 1.0) -> list[Pair]:
     """
     time_s = np.asarray(log.time_s, float) * time_factor
     columns = {name: np.asarray(values, float) for name, values in log.columns.items()}
-    clean = CleanLog(log, rig, time_s, columns, log.source, [])
+    noise = noise_of(rig, time_s, columns)
+    clean = CleanLog(log, rig, time_s, columns, noise, log.source, [])
     plant = read_input(clean).columns.plant()
     theta = rig.parameters()[None]
     try:

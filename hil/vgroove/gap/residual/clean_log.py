@@ -1,6 +1,7 @@
 """A cleaned log with its rig, from which the parts of a measured run are made."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,21 +11,23 @@ from vgroove.gap.cleaning.dead_samples import remove_dead_samples
 from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
 from vgroove.gap.cleaning.missing_values import has_values
-from vgroove.gap.cleaning.sensor_noise import column_sigma
+from vgroove.gap.cleaning.sensor_noise import noise_of, pooled_noise
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.rig import Rig
 
 
 @dataclass(frozen=True)
 class CleanLog:
-    """Times (rows,) in s and columns (rows,), nan where a sample is missing; warnings collects
-    sentences for the user while the log is prepared.
+    """Times (rows,) in s and columns (rows,), nan where a sample is missing; noise: standard
+    deviation of each measured column's noise, in its unit; warnings collects sentences for the user
+    while the log is prepared.
     """
 
     log: Any
     rig: Rig
     time_s: np.ndarray
     columns: dict[str, np.ndarray]
+    noise: Mapping[str, float]
     source: str
     warnings: list[str]
 
@@ -47,10 +50,6 @@ class CleanLog:
         """Whether a column holds any value."""
         return has_values(self.columns, column)
 
-    def sigma(self, column: str) -> float:
-        """Standard deviation of a column's noise in its unit."""
-        return column_sigma(self.rig, column, self.columns[column])
-
     def warn(self, sentence: str) -> None:
         """Add a sentence about this log for the user."""
         self.warnings.append(f"{self.source}: {sentence}")
@@ -64,4 +63,12 @@ def clean_log(log: Any, rig: Rig) -> CleanLog:
     log = insert_lost_rows(correct_time_stamps(log, stamp_contradictions(log, rig)), rig)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     time_s = np.asarray(log.time_s, dtype=float)
-    return CleanLog(log, rig, time_s, columns, log.source, list(log.warnings))
+    noise = noise_of(rig, time_s, columns)
+    return CleanLog(log, rig, time_s, columns, noise, log.source, list(log.warnings))
+
+
+def with_pooled_noise(logs: Sequence[CleanLog]) -> list[CleanLog]:
+    """The logs of one tool, each with the noise of its sensors over all of them."""
+    rows = [{name: int(np.isfinite(log.columns[name]).sum()) for name in log.noise} for log in logs]
+    noise = pooled_noise(rows, [log.noise for log in logs])
+    return [replace(log, noise={name: noise[name] for name in log.noise}) for log in logs]

@@ -2,7 +2,8 @@
 the restarts of the model, blocks and regimes.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks, mean_stroke_s
 from vgroove.gap.residual.breakaway import SpeedRecord, widen_after_breakaway
 from vgroove.gap.residual.channel_builders import build_channels, widen_by_input
 from vgroove.gap.residual.channels import Channel
-from vgroove.gap.residual.clean_log import CleanLog, clean_log
+from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.edge_reading import (
     add_expected_speed,
     align_count_to_rest,
@@ -35,7 +36,6 @@ from vgroove.gap.residual.inputs import DrivingColumns, read_input
 from vgroove.gap.residual.regimes import regimes_of
 from vgroove.gap.residual.restarts import Restarts, restart_interval_s
 from vgroove.gap.residual.state_observer import make_state_observer, rough_speed
-from vgroove.rig import Rig
 from vgroove.units import TURN_RAD
 
 
@@ -58,16 +58,18 @@ class MeasuredRun:
     edge_scale: float = 1.0  # of the edge speeds against the time stamps, from the edges alone
     # whether the log begins with a rest at an unknown angle, and edges alone count the angle then
     from_rest: bool = False
+    # of each measured column, in its unit
+    noise: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
 
-def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
-    """Run of a log (time_s, columns) under a rig; VgrooveError when the input is missing or nothing
-    is left to judge.
+def prepare_run(clean: CleanLog, restart_s: float) -> MeasuredRun:
+    """Run of a cleaned log under its rig; VgrooveError when the input is missing or nothing is left
+    to judge.
     """
-    clean = clean_log(log, rig)
+    rig = clean.rig
     time_s, drive = clean.time_s, read_input(clean)
     restart_s = restart_interval_s(time_s, restart_s)
     plant = drive.columns.plant()
@@ -101,6 +103,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
         drive.measured.bridge_closed,
         edges.scale if edges is not None else 1.0,
         from_rest,
+        clean.noise,
     )
 
 

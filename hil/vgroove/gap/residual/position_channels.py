@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.sensor_noise import divided_differences, position_sigma
+from vgroove.gap.cleaning.sensor_noise import divided_differences
 from vgroove.gap.residual.channels import (
     ENCODER,
     Channel,
@@ -44,7 +44,7 @@ def position_channel(log: CleanLog) -> Channel:
     mean speed.
     """
     position = log.columns["position_rad"]
-    sigma = position_sigma(log.rig, log.time_s, position)
+    sigma = log.noise["position_rad"]
     known = np.flatnonzero(np.isfinite(position))
     if log.kind == "current_a":
         return _force_channel(log, known, sigma)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
-from vgroove.gap.cleaning.sensor_noise import position_sigma
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges
@@ -126,7 +125,7 @@ def _from_position(log: CleanLog) -> tuple[Observations, AngleAt]:
     """Speeds as differences of a measured angle, and that angle."""
     time_s, position = log.time_s, log.columns["position_rad"]
     known = np.flatnonzero(np.isfinite(position))
-    sigma = position_sigma(log.rig, time_s, position)
+    sigma = log.noise["position_rad"]
     length = np.diff(time_s[known])
     speed = Observations(
         time_s[known[:-1]],

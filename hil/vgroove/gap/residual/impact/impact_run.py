@@ -17,7 +17,7 @@ from vgroove.gap.cleaning.missing_values import (
     hold_last_value,
     interpolate_missing,
 )
-from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS, column_sigma, high_frequency_sigma
+from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS, high_frequency_sigma
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
 from vgroove.gap.residual.clean_log import CleanLog, clean_log
@@ -224,7 +224,7 @@ def judged_columns(log: CleanLog) -> dict[str, np.ndarray]:
 def column_noise(log: CleanLog, name: str, values: np.ndarray) -> float:
     """Standard deviation of a column's noise, in its unit."""
     if name in SENSED:
-        return max(column_sigma(log.rig, name, log.columns[name]), MIN_SIGMA)
+        return max(log.noise[name], MIN_SIGMA)
     return max(high_frequency_sigma(values), MIN_SIGMA)
 
 
