@@ -7,6 +7,18 @@ import numpy as np
 MIN_KNOWN_SHARE = 0.9
 
 
+# share of a log's rows that a hole may precede (chosen): a logger that pauses more often writes
+# bursts of rows, and its pauses are its sampling interval
+MAX_HOLE_SHARE = 0.1
+
+
+def usual_interval_s(time_s: np.ndarray) -> float:
+    """Interval between rows at time_s (n,) in s that only holes exceed: the quantile 1 -
+    MAX_HOLE_SHARE, which is the interval of an even clock and the pause between bursts of rows.
+    """
+    return float(np.quantile(np.diff(time_s), 1.0 - MAX_HOLE_SHARE))
+
+
 def has_values(columns: dict[str, np.ndarray], name: str) -> bool:
     """True if the column of that name (n,) exists and holds at least one finite value."""
     return name in columns and bool(np.isfinite(np.asarray(columns[name], float)).any())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import MIN_KNOWN_SHARE
+from vgroove.gap.cleaning.missing_values import MIN_KNOWN_SHARE, usual_interval_s
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
@@ -75,7 +75,7 @@ def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
     """Intervals in which the command is unknown: missing rows or missing samples."""
     known = np.flatnonzero(np.isfinite(command))
     length = np.diff(time_s[known])
-    limit = max(HOLES.min_s, HOLES.min_rows * float(np.median(np.diff(time_s))))
+    limit = max(HOLES.min_s, HOLES.min_rows * usual_interval_s(time_s))
     return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vgroove.gap.cleaning.missing_values import usual_interval_s
 from vgroove.gap.residual.immutable import freeze_arrays
 
 NEIGHBOURS = (4, 8, 16)  # observations on each side of an instant that a quadratic may go through
@@ -296,5 +297,5 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
         time_s[known],
         values[known],
         np.full(int(known.sum()), sigma),
-        interval_s=float(np.median(np.diff(time_s))),
+        interval_s=usual_interval_s(time_s),
     )

@@ -7,7 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
+from vgroove.gap.cleaning.missing_values import (
+    hold_last_value,
+    interpolate_missing,
+    usual_interval_s,
+)
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges
@@ -73,7 +77,7 @@ def _observed_speed(
     if edges is not None or channel is None:
         return None, lambda t: rest
     sigma = channel.sigma * RAD_S_PER_RPM
-    interval_s = float(np.median(np.diff(log.time_s)))
+    interval_s = usual_interval_s(log.time_s)
     measured = channel.measured * RAD_S_PER_RPM
     speed = Observations(channel.time_s, channel.time_s, measured, sigma, interval_s=interval_s)
     gained = 0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s)
@@ -132,7 +136,7 @@ def _from_position(log: CleanLog) -> tuple[Observations, AngleAt]:
         time_s[known[1:]],
         np.diff(position[known]) / length,
         np.sqrt(2.0) * sigma / length,
-        interval_s=float(np.median(np.diff(time_s))),
+        interval_s=usual_interval_s(time_s),
     )
     return speed, _interpolated(time_s[known], position[known])
 
