@@ -106,10 +106,10 @@ def closed_loop(log: Log, rig: Rig, corrected: Rig, claim: FirmwareClaim) -> Clo
     """
     if rig.input["kind"] != "duty" or not rig.supply.get("voltage_v"):
         return None
-    same = (corrected.parameters() == rig.parameters()).all()
+    is_corrected = bool((corrected.parameters() != rig.parameters()).any())
     nominal = first_departure(log, rig, claim)
-    found = None if same else first_departure(log, corrected, claim)
-    return ClosedLoop(nominal, found, not same)
+    found = first_departure(log, corrected, claim) if is_corrected else None
+    return ClosedLoop(nominal, found, is_corrected)
 
 
 def first_departure(log: Log, rig: Rig, claim: FirmwareClaim) -> Departure | None:
@@ -266,21 +266,22 @@ def state_departure(name: str, logged: Rows, runs: Sequence[Rows], length: int) 
     length.
     """
 
-    def at(row: int) -> Departure:
+    def departure(row: int) -> Departure:
         expected = [float(run[name][row]) for run in runs]
         return Departure(row, name, float(logged[name][row]), min(expected), max(expected))
 
-    mine, theirs = changes(name, logged), [changes(name, run) for run in runs]
-    for k in range(max(len(mine), *(len(one) for one in theirs))):
-        known = [one[k] for one in theirs if len(one) > k]
-        if k >= len(mine):
-            last = spread(known)[1]
-            return at(last) if len(known) == len(runs) and last < length else None
-        same = [change for change in known if change.value == mine[k].value]
-        if not same or mine[k].last < spread(same)[0]:
-            return at(mine[k].last)
-        if mine[k].first > spread(same)[1]:
-            return at(spread(same)[1])
+    in_log, in_runs = changes(name, logged), [changes(name, run) for run in runs]
+    for k in range(max(len(in_log), *(len(changed) for changed in in_runs))):
+        simulated = [changed[k] for changed in in_runs if len(changed) > k]
+        if k >= len(in_log):
+            last = spread(simulated)[1]
+            in_all = len(simulated) == len(runs)
+            return departure(last) if in_all and last < length else None
+        alike = [change for change in simulated if change.value == in_log[k].value]
+        if not alike or in_log[k].last < spread(alike)[0]:
+            return departure(in_log[k].last)
+        if in_log[k].first > spread(alike)[1]:
+            return departure(spread(alike)[1])
     return None
 
 
@@ -309,8 +310,8 @@ def changes(name: str, rows: Rows) -> list[Change]:
     return found
 
 
-def spread(same: Sequence[Change]) -> tuple[int, int]:
+def spread(alike: Sequence[Change]) -> tuple[int, int]:
     """First and last row in which a change is within the spread of the runs' changes."""
-    first, last = min(c.first for c in same), max(c.last for c in same)
-    width = max(max(c.last for c in same) - min(c.last for c in same), STATE_WIDTH)
+    first, last = min(c.first for c in alike), max(c.last for c in alike)
+    width = max(last - min(c.last for c in alike), STATE_WIDTH)
     return first - width, last + width
