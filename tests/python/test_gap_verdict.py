@@ -387,6 +387,12 @@ class Scored:
     def reported_gap(self, one: float) -> float:
         return float(np.sqrt(self.reported_score(one)))
 
+    in_one_column = 0.0  # share that an effect closes of the gap of one column
+
+    def closed_share(self, fuller: float, leaner: float) -> search_state.ClosedShare:
+        pooled = (leaner - fuller) / max(leaner - FLOOR, 1e-9)
+        return search_state.ClosedShare(pooled, max(pooled, self.in_one_column))
+
     equal_up_to_chance = search_state.Search.equal_up_to_chance
     equal_up_to_form_error = search_state.Search.equal_up_to_form_error
     floor_power = 1.0
@@ -489,6 +495,19 @@ def test_one_effect_closes_enough_over_the_judged_blocks_or_over_all(
     state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
     state.reported_score = lambda one: reported if one is best else one
     assert decision.closes_too_little(state, best) is doubtful
+
+
+# An error of one sensor closes nothing in the columns of the others; two effects must close enough
+# of all columns.
+@pytest.mark.parametrize(
+    ("count", "in_one_column", "doubtful"), [(1, 0.71, False), (1, 0.69, True), (2, 0.99, True)]
+)
+def test_one_effect_closes_enough_in_one_column(
+    count: int, in_one_column: float, doubtful: bool
+) -> None:
+    state = Scored(11.0, 11.0, 6.0)
+    state.in_one_column = in_one_column
+    assert decision.closes_too_little(state, named_gap(6.0, count)) is doubtful
 
 
 @pytest.mark.parametrize(

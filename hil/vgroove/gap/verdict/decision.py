@@ -257,16 +257,17 @@ def relative_excess_power(search: Search, best: Fit) -> float:
 def closes_too_little(search: Search, best: Fit) -> bool:
     """Whether a set closes too little to be the missing effects.
 
-    The share of one effect is that of the gap before retuning, over the judged blocks or over all,
-    whichever is larger. What retuning closes is thus credited to the effect, provided that the
-    effect closes the larger part of what retuning leaves.
+    The share of one effect is that of the gap before retuning, over the judged blocks, over all,
+    or in one column alone, whichever is largest (an error of the current sensor closes nothing in
+    the speed). What retuning closes is thus credited to the effect, provided that the effect closes
+    the larger part of what retuning leaves.
     """
-    beyond = closed_beyond_retuning(search, best)
     least = DECISION.min_closed[len(best.ids) - 1]
     if len(best.ids) > 1:
-        return beyond < least
+        return closed_beyond_retuning(search, best) < least
+    beyond = search.closed_share(best, search.retuned).largest
     shares = (
-        closed_share_of_score(search, search.nominal, best),
+        search.closed_share(best, search.nominal).largest,
         closed_power_share(
             search.reported_score(search.nominal), search.reported_score(best), search.floor**2
         ),
