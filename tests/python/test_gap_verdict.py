@@ -795,6 +795,15 @@ def test_a_member_whose_size_may_be_none_is_not_named(
 ) -> None:
     """The set leaves 1.0 of 40, its members without the unknown ones `after`."""
     state, best = Scored(40.0, 40.0, 1.0), named_gap(1.0, 2)
+    with_unknown_sizes(monkeypatch, unknown, after)
+    monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
+    monkeypatch.setattr(decision, "remaining", lambda *_: structure(False))
+    found = decision.with_known_sizes(selected(state, best), structure(True), {})
+    assert (found.verdict, found.best.ids) == (verdict, tuple(named))
+
+
+def with_unknown_sizes(monkeypatch: pytest.MonkeyPatch, unknown: str, after: float) -> None:
+    """Members of these names have sizes that may be none; a set without a member leaves `after`."""
 
     def without(_: object, one: Named, member: str) -> Named:
         leaner = Named(after)
@@ -802,13 +811,26 @@ def test_a_member_whose_size_may_be_none_is_not_named(
         return leaner
 
     monkeypatch.setattr(decision, "fit_without", without)
-    monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(
         decision, "unknown_sizes", lambda _, one: [i for i in one.ids if i in unknown]
     )
-    monkeypatch.setattr(decision, "remaining", lambda *_: structure(False))
-    found = decision.with_known_sizes(selected(state, best), structure(True), {})
-    assert (found.verdict, found.best.ids) == (verdict, tuple(named))
+
+
+# One established member stays: its gain is significant, only its size is not known well.
+@pytest.mark.parametrize(
+    ("count", "unknown", "named"),
+    [(2, "", "ab"), (2, "a", "b"), (3, "ac", "b"), (2, "ab", "b"), (1, "a", "a")],
+)
+def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
+    count: int, unknown: str, named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, best = Scored(40.0, 40.0, 5.0), named_gap(5.0, count)
+    with_unknown_sizes(monkeypatch, unknown, 5.0)
+    monkeypatch.setattr(decision, "established_set", lambda *_: best)
+    monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
+    monkeypatch.setattr(decision, "remaining", lambda *_: structure(True))
+    found = decision.decide(selected(state, best), structure(True), {})
+    assert found.best.ids == tuple(named)
 
 
 @pytest.mark.parametrize(

@@ -114,11 +114,12 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     part = established_set(search, selection.best, covariates)
     other = select_whitened(search) if part.ids else None
     if other is not None:
-        found = established_set(other.search, other.best, covariates)
+        found = known_members(other.search, established_set(other.search, other.best, covariates))
         if key(found.ids) != key(part.ids) and len(found.ids) >= len(part.ids):
             found, rivals = leanest_established(other, found, covariates)
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
             return Established(best, rivals, other.search)
+    part = known_members(search, part)
     return Established(*leanest_established(selection, part, covariates), search)
 
 
@@ -185,19 +186,25 @@ def without_established(
 
 def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Covariates) -> Finding:
     """The verdict that names the members of a set whose sizes are known, without asking whether
-    they are established: a size whose 95 % interval contains 0 may be none. Unlisted where no
-    member is left, or where the others close too little or end far from the noise.
+    they are established. Unlisted where no member is left, or where the others close too little or
+    end far from the noise.
     """
     search, best = selection.search, selection.best
-    known = best
-    while known.ids and (unknown := unknown_sizes(search, known)):
-        known = fit_without(search, known, unknown[0]) if len(known.ids) > 1 else search.retuned
-    if known is best:
+    known = known_members(search, best)
+    if known is best and not unknown_sizes(search, best):
         return named(search, best, selection.rivals, remainder)
-    if not known.ids or is_doubtful(search, known) or not is_limited_by_noise(search, known):
+    is_known = not unknown_sizes(search, known)
+    if not is_known or is_doubtful(search, known) or not is_limited_by_noise(search, known):
         return Finding("unlisted", best, [], remainder)
     left = remaining(search, known, covariates)
     return named(search, known, tied_rivals(search, known), left)
+
+
+def known_members(search: Search, one: Fit) -> Fit:
+    """The set without members whose size may be none, one after the other until one is left."""
+    while len(one.ids) > 1 and (unknown := unknown_sizes(search, one)):
+        one = fit_without(search, one, unknown[0])
+    return one
 
 
 def unknown_sizes(search: Search, one: Fit) -> list[str]:
