@@ -740,19 +740,22 @@ def test_of_a_set_that_leaves_a_remainder_the_established_members_are_named(
 
 
 @pytest.mark.parametrize(
-    ("rivals", "established", "excluded", "left", "verdict"),
+    ("rivals", "established", "excluded", "unknown", "left", "verdict"),
     [
-        (True, True, False, 5.0, "ambiguous"),
-        (True, True, True, 5.0, "partial"),
-        (True, False, False, 5.0, "partial"),
-        (True, False, False, 3.0, "effect"),
-        (False, True, False, 5.0, "partial"),
+        (True, True, False, "", 5.0, "ambiguous"),
+        (True, True, False, "a", 5.0, "ambiguous"),  # a member of the named set too
+        (True, True, False, "b", 5.0, "partial"),
+        (True, True, True, "", 5.0, "partial"),
+        (True, False, False, "", 5.0, "partial"),
+        (True, False, False, "", 3.0, "effect"),
+        (False, True, False, "", 5.0, "partial"),
     ],
 )
 def test_a_rival_of_a_partial_set_counts_where_it_is_established_and_not_improbable(
     rivals: bool,
     established: bool,
     excluded: bool,
+    unknown: str,
     left: float,
     verdict: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -761,6 +764,7 @@ def test_a_rival_of_a_partial_set_counts_where_it_is_established_and_not_improba
     monkeypatch.setattr(decision, "established_set", lambda *_: best)
     monkeypatch.setattr(decision, "is_established_rival", lambda *_: established)
     monkeypatch.setattr(decision, "prior_excludes", lambda *_: excluded)
+    with_unknown_sizes(monkeypatch, unknown, left)
     state.fits = {("a",): best}
     choice = search.Selection(state, best, [other] if rivals else [])
     found = decision.decide(choice, structure(True), {})

@@ -145,7 +145,9 @@ def established_rivals(selection: Selection, part: Fit, covariates: Covariates) 
     return [
         f
         for f in (selection.rivals if same else tied_rivals(search, part))
-        if not prior_excludes(search, f, part) and is_established_rival(search, f, part, covariates)
+        if not prior_excludes(search, f, part)
+        and is_established_rival(search, f, part, covariates)
+        and set(unknown_sizes(search, f)) <= set(part.ids)
     ]
 
 
