@@ -8,6 +8,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue import JOINTS
 from vgroove.gap.next_run.menu import IMPACT_MENU, RunProfile, time_grid
+from vgroove.gap.residual.clean_log import clean_log
 from vgroove.gap.residual.impact.impact_run import prepare_impact_run
 from vgroove.gap.residual.impact.problem import ImpactProblem
 from vgroove.gap.residual.impact.roll_outs import (
@@ -45,7 +46,8 @@ def predicted_statistics(
     plant = problem.of_log(0, theta)
     log = Log(time_s, {problem.rig.input["kind"]: profile.command(time_s)}, profile.name)
     try:
-        run = prepare_impact_run(_recorded(problem, rig, log, profile, plant[:1]), rig)
+        recorded = clean_log(_recorded(problem, rig, log, profile, plant[:1]), rig)
+        run = prepare_impact_run(recorded)
     except (RuntimeError, ValueError, VgrooveError):
         return np.full((len(theta), 1), FAILED)
     return (simulate_statistics(run, plant) / run.sigma)[:, run.judged]

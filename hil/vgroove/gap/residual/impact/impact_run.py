@@ -20,7 +20,7 @@ from vgroove.gap.cleaning.missing_values import (
 from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS, high_frequency_sigma
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
-from vgroove.gap.residual.clean_log import CleanLog, clean_log
+from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.impact.cycle_statistics import (
     NOISE_LEFT,
@@ -151,9 +151,9 @@ class ImpactRun:
         return found if self.nuisance is None else self.nuisance.whitened(found)
 
 
-def prepare_impact_run(log: Any, rig: Rig) -> ImpactRun:
-    """Run of a log of an impact tool; VgrooveError where nothing can be judged."""
-    clean = clean_log(log, rig)
+def prepare_impact_run(clean: CleanLog) -> ImpactRun:
+    """Run of a cleaned log of an impact tool; VgrooveError where nothing can be judged."""
+    rig = clean.rig
     drive = read_input(clean).columns
     values = judged_columns(clean)
     if not {"current_a", "speed_rpm"} & set(values):
