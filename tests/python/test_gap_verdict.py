@@ -387,11 +387,13 @@ class Scored:
     def reported_gap(self, one: float) -> float:
         return float(np.sqrt(self.reported_score(one)))
 
-    in_one_column = 0.0  # share that an effect closes of the gap of one column
+    # shares that an effect closes of the gaps of two columns, before and after retuning
+    before_retuning = after_retuning = (0.0, 0.0)
 
     def closed_share(self, fuller: float, leaner: float) -> search_state.ClosedShare:
-        pooled = (leaner - fuller) / max(leaner - FLOOR, 1e-9)
-        return search_state.ClosedShare(pooled, max(pooled, self.in_one_column))
+        before = leaner is self.nominal
+        shares = self.before_retuning if before else self.after_retuning
+        return search_state.ClosedShare(0.0, np.array(shares))
 
     equal_up_to_chance = search_state.Search.equal_up_to_chance
     equal_up_to_form_error = search_state.Search.equal_up_to_form_error
@@ -497,16 +499,23 @@ def test_one_effect_closes_enough_over_the_judged_blocks_or_over_all(
     assert decision.closes_too_little(state, best) is doubtful
 
 
-# An error of one sensor closes nothing in the columns of the others; two effects must close enough
-# of all columns.
+# An error of one sensor closes nothing in the columns of the others. Both shares are those of one
+# column; two effects must close enough of all columns.
 @pytest.mark.parametrize(
-    ("count", "in_one_column", "doubtful"), [(1, 0.71, False), (1, 0.69, True), (2, 0.99, True)]
+    ("count", "before", "after", "doubtful"),
+    [
+        (1, (0.71, 0.0), (0.51, 0.0), False),
+        (1, (0.69, 0.0), (0.51, 0.0), True),
+        (1, (0.71, 0.0), (0.49, 0.0), True),
+        (1, (0.71, 0.0), (0.0, 0.51), True),
+        (2, (0.99, 0.99), (0.99, 0.99), True),
+    ],
 )
 def test_one_effect_closes_enough_in_one_column(
-    count: int, in_one_column: float, doubtful: bool
+    count: int, before: tuple[float, float], after: tuple[float, float], doubtful: bool
 ) -> None:
     state = Scored(11.0, 11.0, 6.0)
-    state.in_one_column = in_one_column
+    state.before_retuning, state.after_retuning = before, after
     assert decision.closes_too_little(state, named_gap(6.0, count)) is doubtful
 
 

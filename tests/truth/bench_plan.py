@@ -9,8 +9,8 @@ from effects import BY_ID, CATALOGUE, OUTSIDE_IDS, accepted
 SEED = 20261121
 SETS = ("tune", "report")
 PER_EFFECT, NONES, PAIRS, TRIPLES, OUTSIDE = 20, 300, 150, 40, 100
-# Cases of the regime `measured` in a series of a half: singles, pairs, disturbances alone. A new
-# series is appended when those of the others have been looked at
+# Cases of the regime `measured` in a series of a half: singles, pairs, disturbances alone. Verdicts
+# on a series that was reported have been read: a later report needs a new one
 MEASURED = {"single": 100, "pair": 50, "disturbances": 50}
 MEASURED_SERIES = 2
 REGIMES = ("exact", "hard", "measured")

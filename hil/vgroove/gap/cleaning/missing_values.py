@@ -7,16 +7,28 @@ import numpy as np
 MIN_KNOWN_SHARE = 0.9
 
 
-# share of a log's rows that a hole may precede (chosen): a logger that pauses more often writes
-# bursts of rows, and its pauses are its sampling interval
-MAX_HOLE_SHARE = 0.1
+# A pause of a logger is longer than both (s, median row intervals; chosen on the tuning half of the
+# blind set, docs/gap_bench.md)
+MIN_PAUSE_S, MIN_PAUSE_ROWS = 0.02, 8
 
 
-def usual_interval_s(time_s: np.ndarray) -> float:
-    """Interval between rows at time_s (n,) in s that only holes exceed: the quantile 1 -
-    MAX_HOLE_SHARE, which is the interval of an even clock and the pause between bursts of rows.
+def pauses_of(time_s: np.ndarray) -> np.ndarray:
+    """Rows (k,) after which the logger pauses; time_s (n,), s."""
+    steps = np.diff(time_s)
+    return np.flatnonzero(steps > max(MIN_PAUSE_S, MIN_PAUSE_ROWS * float(np.median(steps))))
+
+
+def logging_interval_s(time_s: np.ndarray) -> float:
+    """Interval in s at which a logger with rows at time_s (n,) observes the tool: the median of its
+    row intervals, or that of its pauses where it writes bursts of rows that are shorter.
     """
-    return float(np.quantile(np.diff(time_s), 1.0 - MAX_HOLE_SHARE))
+    steps, pauses = np.diff(time_s), pauses_of(time_s)
+    if not len(pauses):
+        return float(np.median(steps))
+    bounds = np.concatenate([[0], pauses + 1, [len(time_s)]])
+    burst_s = np.median(time_s[bounds[1:] - 1] - time_s[bounds[:-1]])
+    pause_s = np.median(steps[pauses])
+    return float(pause_s if burst_s < pause_s else np.median(steps))
 
 
 def has_values(columns: dict[str, np.ndarray], name: str) -> bool:

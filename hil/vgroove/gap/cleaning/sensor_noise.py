@@ -2,16 +2,15 @@
 where the rig states none; never from a model's residual.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.lib.stride_tricks import sliding_window_view
 
-from vgroove.gap.cleaning.missing_values import has_values
 from vgroove.rig import Rig
 
 # filter of Savitzky and Golay (Anal. Chem. 36(8), 1964) whose residual is taken as noise: window,
@@ -166,33 +165,51 @@ def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
     rounding = rig.sensors.get(LSB_KEYS[column], resolution_of(values)) / np.sqrt(12.0)
     noise = rig.sensors.get(NOISE_KEYS[column])
     if noise is None:
-        sigma = max(high_frequency_sigma(values), rounding)
+        sigma = np.nanmax([high_frequency_sigma(values), rounding])
     else:
         sigma = np.hypot(noise, rounding)
     return float(max(sigma, MIN_SIGMA[column]))
 
 
-def noise_of(rig: Rig, time_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Standard deviation of the noise of each measured column that a log has, in its unit."""
-    noise = {c: column_sigma(rig, c, columns[c]) for c in NOISE_KEYS if has_values(columns, c)}
-    if has_values(columns, "position_rad"):
-        noise["position_rad"] = position_sigma(rig, time_s, columns["position_rad"])
+class SensorNoise(NamedTuple):
+    """Standard deviation of a column's noise in its unit, and whether it is stated or the log shows
+    it: a column that rests or has few samples does not show it.
+    """
+
+    sigma: float
+    is_seen: bool
+
+
+def noise_of(
+    rig: Rig, time_s: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> dict[str, SensorNoise]:
+    """Noise of each measured column of a log."""
+    noise = {}
+    for name in (n for n in NOISE_KEYS if n in columns):
+        sigma, is_stated = column_sigma(rig, name, columns[name]), NOISE_KEYS[name] in rig.sensors
+        is_seen = is_stated or high_frequency_sigma(columns[name]) >= sigma
+        noise[name] = SensorNoise(sigma, bool(is_seen))
+    if "position_rad" in columns:
+        sigma = position_sigma(rig, time_s, columns["position_rad"])
+        seen = position_noise_sigma(time_s, columns["position_rad"])
+        noise["position_rad"] = SensorNoise(sigma, bool(seen >= sigma))
     return noise
 
 
-def pooled_noise(
-    rows: Sequence[Mapping[str, int]], noise: Sequence[Mapping[str, float]]
-) -> dict[str, float]:
-    """Standard deviation of each column's noise over several logs of one tool, in its unit: the
-    mean square of those of the logs, by their known rows. One sensor measured all of them; a log in
-    which it rests shows less of its noise than there is.
+def common_noise(logs: Sequence[Mapping[str, SensorNoise]]) -> list[dict[str, SensorNoise]]:
+    """Noise of each column of several logs of one tool: a log that does not show the noise of a
+    column has at least the least that another one shows, since one sensor measured both and motion
+    only adds to an estimate.
     """
-    power, total = Counter[str](), Counter[str]()
-    for known, sigmas in zip(rows, noise, strict=True):
-        for name, sigma in sigmas.items():
-            power[name] += known[name] * sigma**2
-            total[name] += known[name]
-    return {name: float(np.sqrt(power[name] / total[name])) for name in power}
+    shown: dict[str, float] = {}
+    for name, noise in (item for log in logs for item in log.items() if item[1].is_seen):
+        shown[name] = min(noise.sigma, shown.get(name, np.inf))
+
+    def raised(name: str, noise: SensorNoise) -> SensorNoise:
+        least = 0.0 if noise.is_seen else shown.get(name, 0.0)
+        return noise._replace(sigma=max(noise.sigma, least))
+
+    return [{name: raised(name, noise) for name, noise in log.items()} for log in logs]
 
 
 def resolution_of(values: np.ndarray) -> float:

@@ -75,7 +75,7 @@ def _warn_of_dead_sensor(log: CleanLog, channel: Channel) -> None:
 def _current(log: CleanLog) -> RowChannel | None:
     if log.kind == "current_a" or "current_a" not in log.columns:
         return None
-    values, sigma = log.columns["current_a"], log.noise["current_a"]
+    values, sigma = log.columns["current_a"], log.noise["current_a"].sigma
     unsigned = current_is_unsigned(log.columns, log.rig, sigma)
     if unsigned:
         values = np.abs(values)
@@ -132,7 +132,7 @@ def _supply(log: CleanLog) -> RowChannel | None:
         ChannelInfo("supply_v", "V"),
         log.time_s,
         log.columns["supply_v"],
-        log.noise["supply_v"],
+        log.noise["supply_v"].sigma,
         ModelColumn("supply_v"),
     )
 
@@ -148,7 +148,7 @@ def _speed(log: CleanLog, edges: EdgePeriods | None) -> Channel | None:
         ChannelInfo("speed_rpm", "rpm"),
         log.time_s,
         log.columns["speed_rpm"],
-        log.noise["speed_rpm"],
+        log.noise["speed_rpm"].sigma,
         ModelColumn("speed_measured_rad_s", RPM_PER_RAD_S),
     )
 

@@ -11,23 +11,22 @@ from vgroove.gap.cleaning.dead_samples import remove_dead_samples
 from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
 from vgroove.gap.cleaning.missing_values import has_values
-from vgroove.gap.cleaning.sensor_noise import noise_of, pooled_noise
+from vgroove.gap.cleaning.sensor_noise import SensorNoise, common_noise, noise_of
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.rig import Rig
 
 
 @dataclass(frozen=True)
 class CleanLog:
-    """Times (rows,) in s and columns (rows,), nan where a sample is missing; noise: standard
-    deviation of each measured column's noise, in its unit; warnings collects sentences for the user
-    while the log is prepared.
+    """Times (rows,) in s and columns (rows,), nan where a sample is missing; noise: that of each
+    measured column; warnings collects sentences for the user while the log is prepared.
     """
 
     log: Any
     rig: Rig
     time_s: np.ndarray
     columns: dict[str, np.ndarray]
-    noise: Mapping[str, float]
+    noise: Mapping[str, SensorNoise]
     source: str
     warnings: list[str]
 
@@ -67,8 +66,7 @@ def clean_log(log: Any, rig: Rig) -> CleanLog:
     return CleanLog(log, rig, time_s, columns, noise, log.source, list(log.warnings))
 
 
-def with_pooled_noise(logs: Sequence[CleanLog]) -> list[CleanLog]:
-    """The logs of one tool, each with the noise of its sensors over all of them."""
-    rows = [{name: int(np.isfinite(log.columns[name]).sum()) for name in log.noise} for log in logs]
-    noise = pooled_noise(rows, [log.noise for log in logs])
-    return [replace(log, noise={name: noise[name] for name in log.noise}) for log in logs]
+def with_common_noise(logs: Sequence[CleanLog]) -> list[CleanLog]:
+    """The logs of one tool with the noise that they show together."""
+    noise = common_noise([log.noise for log in logs])
+    return [replace(log, noise=each) for log, each in zip(logs, noise, strict=True)]

@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import MIN_KNOWN_SHARE, usual_interval_s
+from vgroove.gap.cleaning.missing_values import (
+    MIN_KNOWN_SHARE,
+    MIN_PAUSE_ROWS,
+    MIN_PAUSE_S,
+    logging_interval_s,
+    pauses_of,
+)
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
@@ -18,9 +24,9 @@ class HoleRules:
     set (docs/gap_bench.md).
     """
 
-    # the motion after a hole is unknown if the hole is longer than both (s, usual row intervals)
-    min_s: float = 0.02
-    min_rows: int = 8
+    # the motion after a hole is unknown if the hole is longer than both (s, logging intervals)
+    min_s: float = MIN_PAUSE_S
+    min_rows: int = MIN_PAUSE_ROWS
     # a shorter hole counts if the command changes in it by more than this share of its span, since
     # the row in which it stepped is unknown
     min_step_share: float = 0.1
@@ -56,10 +62,10 @@ def find_restarts_and_holes(
     begins in motion. The thinned rows between two stretches of a reduced log are a hole.
     """
     thinned = log.thinned
-    command = log.columns[log.kind]
+    command, slew_per_s = log.columns[log.kind], log.rig.input.get("slew_per_s", 0.0)
     begin = [0] * moving
     holes = _holes(log.time_s, command)
-    steps = _steps_in_holes(log.time_s, command, log.rig.input.get("slew_per_s", 0.0))
+    steps = _steps_in_holes(log.time_s, command, slew_per_s)
     steps = [hole for hole in steps if not _is_thinned(hole, thinned)]
     resume = begin + [row for _, row in holes + steps]
     restarts = find_restarts(observer, log.time_s, restart_s, resume, thinned)
@@ -72,11 +78,23 @@ def find_restarts_and_holes(
 
 
 def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
-    """Intervals in which the command is unknown: missing rows or missing samples."""
+    """Intervals in which the command is unknown: missing rows or missing samples, and the pauses of
+    a logger that writes bursts of rows in which the command changes, at an unknown time.
+    """
     known = np.flatnonzero(np.isfinite(command))
-    length = np.diff(time_s[known])
-    limit = max(HOLES.min_s, HOLES.min_rows * usual_interval_s(time_s))
-    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
+    limit = max(HOLES.min_s, HOLES.min_rows * logging_interval_s(time_s))
+    is_hole = np.diff(time_s[known]) > limit
+    pauses = pauses_of(time_s[known])
+    is_hole[pauses] |= _is_step(time_s[known], command[known], 0.0)[pauses]
+    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(is_hole)]
+
+
+def _is_step(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> np.ndarray:
+    """Whether the command (n,) changes faster than its slew rate between neighbouring rows
+    (n - 1,), by more than min_step_share of its span.
+    """
+    limit = slew_per_s * np.diff(time_s) + HOLES.min_step_share * np.ptp(command)
+    return np.abs(np.diff(command)) > limit
 
 
 def _steps_in_holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> list[Hole]:
@@ -86,9 +104,7 @@ def _steps_in_holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) 
     known = np.flatnonzero(np.isfinite(command))
     if len(known) < MIN_KNOWN_SHARE * len(command):
         return []
-    length, change = np.diff(time_s[known]), np.abs(np.diff(command[known]))
-    limit = slew_per_s * length + HOLES.min_step_share * np.ptp(command[known])
-    stepped = (np.diff(known) > 1) & (change > limit)
+    stepped = (np.diff(known) > 1) & _is_step(time_s[known], command[known], slew_per_s)
     return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(stepped)]
 
 

@@ -89,7 +89,7 @@ def read_input(log: CleanLog) -> DrivingInput:
         noise = np.hypot(denoised.noise_v, np.max(denoised.fast_v))
         command, step_slack = denoised.values, step_slack + STEP_SIGMAS * noise
     elif "supply_v" in more:
-        denoised = DenoisedCommand(more["supply_v"], log.noise["supply_v"])
+        denoised = DenoisedCommand(more["supply_v"], log.noise["supply_v"].sigma)
     if "slew_per_s" in rig.input:  # changes within the slack follow the ramp: noise is no step
         more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": step_slack}
     # time since the first row: stamps far from 0 would lose digits in the plant's steps

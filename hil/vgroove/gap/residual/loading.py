@@ -15,7 +15,7 @@ from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, clip_sigmas
 from vgroove.gap.residual.angle_alignment import align_angles
 from vgroove.gap.residual.blocks import FoldBlocks
 from vgroove.gap.residual.channels import Channel
-from vgroove.gap.residual.clean_log import clean_log, with_pooled_noise
+from vgroove.gap.residual.clean_log import clean_log, with_common_noise
 from vgroove.gap.residual.impact.loading import load_impact_problem
 from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
@@ -53,7 +53,7 @@ def load_problem(
     if rig.mechanism["kind"] == "impact":
         return with_clip(load_impact_problem(logs, rig, threads, joints), {})
     logs = reduce_long_logs(logs, rig)
-    cleaned = with_pooled_noise([clean_log(log, rig) for log in logs])
+    cleaned = with_common_noise([clean_log(log, rig) for log in logs])
     runs = tuple(prepare_run(log, restart_s) for log in cleaned)
     longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
     problem = join_runs(rig, runs, longest_s, threads)

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import usual_interval_s
+from vgroove.gap.cleaning.missing_values import logging_interval_s
 from vgroove.gap.residual.immutable import freeze_arrays
 
 NEIGHBOURS = (4, 8, 16)  # observations on each side of an instant that a quadratic may go through
@@ -170,7 +170,9 @@ def local_fit(seen: Observations, time_s: float) -> LocalFit:
     narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
     best = min((narrow, *_adequate(wider)), key=lambda found: found.sigmas)
     rates = min((narrow, *wider), key=lambda found: found.slope_sigma)
-    best = replace(best, slope=rates.slope, curvature=rates.curvature)
+    best = replace(
+        best, slope=rates.slope, curvature=rates.curvature, slope_sigma=rates.slope_sigma
+    )
     if best.sigmas < LOCAL_FIT.max_sigmas or seen.pitch is None:
         return best
     with_pattern = (
@@ -297,5 +299,5 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
         time_s[known],
         values[known],
         np.full(int(known.sum()), sigma),
-        interval_s=usual_interval_s(time_s),
+        interval_s=logging_interval_s(time_s),
     )

@@ -3,13 +3,14 @@ the restarts of the model, blocks and regimes.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
+from vgroove.gap.cleaning.sensor_noise import SensorNoise
 from vgroove.gap.hall_edges.edge_periods import EdgePeriods
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks, mean_stroke_s
 from vgroove.gap.residual.breakaway import SpeedRecord, widen_after_breakaway
@@ -55,11 +56,10 @@ class MeasuredRun:
     lost_s: np.ndarray  # (k,) instants in s at which edges may have passed that no row shows
     pitch_rad: float  # motor angle between two edges; 0 without edges
     bridge_closed: np.ndarray  # (rows,) whether a voltage drives the motor and brakes it
+    noise: Mapping[str, SensorNoise]  # of each measured column
     edge_scale: float = 1.0  # of the edge speeds against the time stamps, from the edges alone
     # whether the log begins with a rest at an unknown angle, and edges alone count the angle then
     from_rest: bool = False
-    # of each measured column, in its unit
-    noise: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -101,9 +101,9 @@ def prepare_run(clean: CleanLog, restart_s: float) -> MeasuredRun:
         chain_starts(edges, clean.pulses_per_rev),
         TURN_RAD / clean.pulses_per_rev if edges is not None else 0.0,
         drive.measured.bridge_closed,
+        clean.noise,
         edges.scale if edges is not None else 1.0,
         from_rest,
-        clean.noise,
     )
 
 

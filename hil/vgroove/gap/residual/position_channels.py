@@ -44,7 +44,7 @@ def position_channel(log: CleanLog) -> Channel:
     mean speed.
     """
     position = log.columns["position_rad"]
-    sigma = log.noise["position_rad"]
+    sigma = log.noise["position_rad"].sigma
     known = np.flatnonzero(np.isfinite(position))
     if log.kind == "current_a":
         return _force_channel(log, known, sigma)

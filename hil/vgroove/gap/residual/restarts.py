@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import usual_interval_s
+from vgroove.gap.cleaning.missing_values import logging_interval_s
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.local_polynomial import (
     LOCAL_FIT,
@@ -145,7 +145,7 @@ def restart_interval_s(time_s: np.ndarray, restart_s: float) -> float:
     """Time between restarts of a log with rows at time_s (rows,): restart_s, or longer where the
     logger is slow.
     """
-    return max(restart_s, RESTART.min_interval_rows * usual_interval_s(time_s))
+    return max(restart_s, RESTART.min_interval_rows * logging_interval_s(time_s))
 
 
 def find_restarts(
@@ -166,7 +166,7 @@ def find_restarts(
     rows, found = [0], [_first_state(observer, time_s)]
     reach = max(
         RESTART.search_s * min(1.0, restart_s / RESTART.nominal_s),
-        RESTART.search_rows * usual_interval_s(time_s),
+        RESTART.search_rows * logging_interval_s(time_s),
     )
     count = int((time_s[-1] - time_s[0]) / restart_s - RESTART.min_last_share)
     regular = [time_s[0] + k * restart_s for k in range(1, count + 1)]

@@ -124,7 +124,7 @@ def filtered_speed_channel(log: CleanLog) -> SpanChannel:
     latest_before = np.maximum.accumulate(np.concatenate([[-np.inf], middle[:-1]]))
     keep = np.flatnonzero(usable & (middle > latest_before))  # in order of time
     slope = np.abs(np.gradient(moving_mean(speed_rpm, FILTERED_SPEED.slope_rows), time_s))
-    sigma = np.hypot(log.noise["speed_rpm"], slope * period / UNIFORM_WIDTH_SIGMAS)
+    sigma = np.hypot(log.noise["speed_rpm"].sigma, slope * period / UNIFORM_WIDTH_SIGMAS)
     note = "filtered edge speed, compared over a pitch before each row"
     return span_channel(
         ChannelInfo("speed_rpm", "rpm", note=note),

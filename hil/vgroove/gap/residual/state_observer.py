@@ -10,7 +10,7 @@ import numpy as np
 from vgroove.gap.cleaning.missing_values import (
     hold_last_value,
     interpolate_missing,
-    usual_interval_s,
+    logging_interval_s,
 )
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
@@ -77,7 +77,7 @@ def _observed_speed(
     if edges is not None or channel is None:
         return None, lambda t: rest
     sigma = channel.sigma * RAD_S_PER_RPM
-    interval_s = usual_interval_s(log.time_s)
+    interval_s = logging_interval_s(log.time_s)
     measured = channel.measured * RAD_S_PER_RPM
     speed = Observations(channel.time_s, channel.time_s, measured, sigma, interval_s=interval_s)
     gained = 0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s)
@@ -129,14 +129,14 @@ def _from_position(log: CleanLog) -> tuple[Observations, AngleAt]:
     """Speeds as differences of a measured angle, and that angle."""
     time_s, position = log.time_s, log.columns["position_rad"]
     known = np.flatnonzero(np.isfinite(position))
-    sigma = log.noise["position_rad"]
+    sigma = log.noise["position_rad"].sigma
     length = np.diff(time_s[known])
     speed = Observations(
         time_s[known[:-1]],
         time_s[known[1:]],
         np.diff(position[known]) / length,
         np.sqrt(2.0) * sigma / length,
-        interval_s=usual_interval_s(time_s),
+        interval_s=logging_interval_s(time_s),
     )
     return speed, _interpolated(time_s[known], position[known])
 

@@ -131,7 +131,7 @@ def measured_motion(run: MeasuredRun, rig: Rig) -> HeldMotion | None:
         angle = np.asarray(columns["position_rad"], float)
         mean = np.diff(angle, prepend=np.nan) / np.concatenate([[np.nan], step])
         known = np.isfinite(mean) & np.isfinite(command)
-        sigma = run.noise["position_rad"] / float(np.median(step))
+        sigma = run.noise["position_rad"].sigma / float(np.median(step))
         filled = interpolate_missing(time_s, angle)
         return HeldMotion(np.nan_to_num(mean), filled, np.gradient(filled, time_s), sigma, known)
     if not has_values(columns, "speed_rpm") or run.pitch_rad > 0.0:
@@ -139,7 +139,7 @@ def measured_motion(run: MeasuredRun, rig: Rig) -> HeldMotion | None:
     speed = np.asarray(columns["speed_rpm"], float) * RAD_S_PER_RPM
     mean = 0.5 * (speed + np.concatenate([[np.nan], speed[:-1]]))
     known = np.isfinite(mean) & np.isfinite(command)
-    sigma = run.noise["speed_rpm"] * RAD_S_PER_RPM
+    sigma = run.noise["speed_rpm"].sigma * RAD_S_PER_RPM
     turned = np.concatenate([[0.0], np.cumsum(np.nan_to_num(mean[1:]) * step)])
     filled = interpolate_missing(time_s, speed)
     return HeldMotion(np.nan_to_num(mean), turned, filled, sigma, known)
@@ -394,7 +394,7 @@ def _input_torque_sigma(run: MeasuredRun, rig: Rig) -> float:
     kind, constant = rig.input["kind"], rig.motor["torque_constant_nm_per_a"]
     values = np.asarray(run.log.columns[kind], float)
     if kind == "current_a":
-        return constant * run.noise["current_a"]
+        return constant * run.noise["current_a"].sigma
     noise = command_noise_sigma(values)
     return constant / rig.motor["resistance_ohm"] * full_volt(rig) * noise
 

@@ -98,12 +98,17 @@ SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
 
 @dataclass(frozen=True)
 class ClosedShare:
-    """Share of a squared gap that an effect closes. pooled: over all columns of the log; largest:
-    the same, or that of one column in which it closes a visible gap, whichever is larger.
+    """Share of a squared gap that an effect closes. pooled: over all columns of the log; by_column
+    (columns,): of each column that has a visible gap and in which it closes one, else 0.
     """
 
     pooled: float
-    largest: float
+    by_column: np.ndarray
+
+    @property
+    def largest(self) -> float:
+        """Over all columns, or of one column, whichever is larger."""
+        return max(self.pooled, *self.by_column)
 
 
 @dataclass
@@ -277,9 +282,10 @@ class Search:
         """Share that a fit closes of what another one leaves above the sensors' noise."""
         with_it, more = (self.loss_by_column(f) for f in (fuller, leaner))
         left, part = np.maximum(more - self.floor_by_column, MIN_POWER), more - with_it
-        visible = part > COMPARISON.visible_excess * self.sample_shares
-        pooled = float(np.sum(part)) / float(np.sum(left))
-        return ClosedShare(pooled, float(max([pooled, *(part[visible] / left[visible])])))
+        visible = np.minimum(left, part) > COMPARISON.visible_excess * self.sample_shares
+        return ClosedShare(
+            float(np.sum(part)) / float(np.sum(left)), np.where(visible, part / left, 0.0)
+        )
 
     @cached_property
     def floor_by_column(self) -> np.ndarray:

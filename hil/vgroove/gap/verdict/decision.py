@@ -5,6 +5,8 @@ what the set leaves (docs/spec/gap.md, section 5).
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from vgroove.gap.catalogue import BY_ID, SPECIAL_CASES, Effect, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set, fit_without
@@ -111,7 +113,7 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     Coulomb friction).
     """
     search = selection.search
-    part = established_set(search, selection.best, covariates)
+    part = known_members(search, established_set(search, selection.best, covariates))
     other = select_whitened(search) if part.ids else None
     if other is not None:
         found = known_members(other.search, established_set(other.search, other.best, covariates))
@@ -119,7 +121,6 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
             found, rivals = leanest_established(other, found, covariates)
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
             return Established(best, rivals, other.search)
-    part = known_members(search, part)
     return Established(*leanest_established(selection, part, covariates), search)
 
 
@@ -188,14 +189,14 @@ def without_established(
 
 def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Covariates) -> Finding:
     """The verdict that names the members of a set whose sizes are known, without asking whether
-    they are established. Unlisted where no member is left, or where the others close too little or
-    end far from the noise.
+    they are established. Unlisted where none is known, or where the others close too little or end
+    far from the noise.
     """
     search, best = selection.search, selection.best
     known = known_members(search, best)
-    if known is best and not unknown_sizes(search, best):
-        return named(search, best, selection.rivals, remainder)
     is_known = not unknown_sizes(search, known)
+    if known is best and is_known:
+        return named(search, best, selection.rivals, remainder)
     if not is_known or is_doubtful(search, known) or not is_limited_by_noise(search, known):
         return Finding("unlisted", best, [], remainder)
     left = remaining(search, known, covariates)
@@ -266,22 +267,34 @@ def relative_excess_power(search: Search, best: Fit) -> float:
 def closes_too_little(search: Search, best: Fit) -> bool:
     """Whether a set closes too little to be the missing effects.
 
-    The share of one effect is that of the gap before retuning, over the judged blocks, over all,
-    or in one column alone, whichever is largest (an error of the current sensor closes nothing in
-    the speed). What retuning closes is thus credited to the effect, provided that the effect closes
+    The share of one effect is that of the gap before retuning, over the judged blocks or over all,
+    whichever is larger, or in one column alone: an error of the current sensor closes nothing in
+    the speed. What retuning closes is thus credited to the effect, provided that the effect closes
     the larger part of what retuning leaves.
     """
     least = DECISION.min_closed[len(best.ids) - 1]
+    beyond = closed_beyond_retuning(search, best)
     if len(best.ids) > 1:
-        return closed_beyond_retuning(search, best) < least
-    beyond = search.closed_share(best, search.retuned).largest
+        return beyond < least
     shares = (
-        search.closed_share(best, search.nominal).largest,
+        closed_share_of_score(search, search.nominal, best),
         closed_power_share(
             search.reported_score(search.nominal), search.reported_score(best), search.floor**2
         ),
     )
-    return beyond < DECISION.min_closed_beyond_retuning or max(shares) < least
+    too_little = beyond < DECISION.min_closed_beyond_retuning or max(shares) < least
+    return too_little and not closes_one_column(search, best, least)
+
+
+def closes_one_column(search: Search, best: Fit, least: float) -> bool:
+    """Whether an effect closes at least a share of the gap of one column before retuning, and the
+    larger part of what retuning leaves there.
+    """
+    before, beyond = (
+        search.closed_share(best, f).by_column for f in (search.nominal, search.retuned)
+    )
+    enough = (before >= least) & (beyond >= DECISION.min_closed_beyond_retuning)
+    return bool(np.any(enough))
 
 
 def approximates_other_effect(search: Search, best: Fit) -> bool:

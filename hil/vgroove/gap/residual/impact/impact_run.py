@@ -224,7 +224,7 @@ def judged_columns(log: CleanLog) -> dict[str, np.ndarray]:
 def column_noise(log: CleanLog, name: str, values: np.ndarray) -> float:
     """Standard deviation of a column's noise, in its unit."""
     if name in SENSED:
-        return max(log.noise[name], MIN_SIGMA)
+        return log.noise[name].sigma
     return max(high_frequency_sigma(values), MIN_SIGMA)
 
 
