@@ -42,6 +42,12 @@ def test_stretches_that_are_longer_than_the_pauses_are_no_bursts() -> None:
     assert logging_interval_s(bursts(80, 0.06)) == pytest.approx(ROW_S)
 
 
+@pytest.mark.parametrize(("pauses", "interval_s"), [(1, ROW_S), (7, ROW_S), (8, 0.5)])
+def test_a_few_pauses_are_no_bursts(pauses: int, interval_s: float) -> None:
+    time_s = bursts(50, 0.5)[: 50 * (pauses + 1)]
+    assert logging_interval_s(time_s) == pytest.approx(interval_s)
+
+
 @settings(deadline=None)
 @given(seed=st.integers(0, 1000), lost=st.integers(0, 40))
 def test_a_clock_that_loses_some_rows_keeps_its_interval(seed: int, lost: int) -> None:

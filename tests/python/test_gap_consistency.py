@@ -184,7 +184,7 @@ def test_an_effect_that_closes_the_larger_part_may_change_where_it_makes_little_
         return in_blocks if part is search.blocks.cluster else regimes
 
     monkeypatch.setattr(consistency, "part_sizes", sizes)
-    closed = ClosedShare(pooled, largest)
+    closed = ClosedShare(pooled, np.array([largest]))
     assert consistency.keeps_its_size(friction, best, "coulomb_friction", closed) is kept
 
 
@@ -206,7 +206,9 @@ def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Se
         found = consistency.part_sizes(friction, best, slope, part)
         assert np.all(np.abs(found.value - 1.0) < 4.0 * found.sigma)
         assert np.all(found.sigma < 0.05) and found.is_constant()
-    assert consistency.keeps_its_size(friction, best, "coulomb_friction", ClosedShare(0.1, 0.1))
+    assert consistency.keeps_its_size(
+        friction, best, "coulomb_friction", ClosedShare(0.1, np.array([0.1]))
+    )
 
 
 def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_state.Search) -> None:
@@ -217,7 +219,7 @@ def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_st
     found = consistency.part_sizes(one_sided, best, slope, part)
     assert found.value.min() < 0.1 and found.value.max() > 1.4
     assert not consistency.keeps_its_size(
-        one_sided, best, "coulomb_friction", ClosedShare(0.4, 0.4)
+        one_sided, best, "coulomb_friction", ClosedShare(0.4, np.array([0.4]))
     )
 
 
@@ -236,7 +238,7 @@ def test_an_effect_that_no_division_shows_twice_must_close_nearly_all(
     best, whole = friction.fits[("coulomb_friction",)], np.zeros(friction.problem.n, int)
     monkeypatch.setattr(consistency, "partitions", lambda _: iter([whole]))
     for largest, kept in ((0.91, True), (0.89, False)):
-        closed = ClosedShare(0.5, largest)
+        closed = ClosedShare(0.5, np.array([largest]))
         assert consistency.keeps_its_size(friction, best, "coulomb_friction", closed) is kept
 
 

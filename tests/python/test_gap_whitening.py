@@ -192,6 +192,7 @@ def test_whitened_residuals_replace_an_established_set_by_no_smaller_one(
         return fit_set(search, wanted, best) if wanted else search.retuned
 
     monkeypatch.setattr(decision, "established_set", established)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.established_part(Selection(state, state.retuned, []), {})
     assert found.best.ids == ids[named == 2]
     assert (found.search is state) is (named == 1)
@@ -217,6 +218,7 @@ def test_a_tied_special_case_is_the_established_part(
         return [fit_set(selection.search, ("coulomb_friction", *part.ids[1:]), part)]
 
     monkeypatch.setattr(decision, "established_set", established)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     monkeypatch.setattr(decision, "established_rivals", rivals)
     found = decision.established_part(Selection(state, state.retuned, []), {})
     assert set(found.best.ids) == {"coulomb_friction", *more}

@@ -10,6 +10,9 @@ MIN_KNOWN_SHARE = 0.9
 # A pause of a logger is longer than both (s, median row intervals; chosen on the tuning half of the
 # blind set, docs/gap_bench.md)
 MIN_PAUSE_S, MIN_PAUSE_ROWS = 0.02, 8
+# pauses that a logger makes at least if it writes bursts of rows (chosen): fewer are losses, or the
+# joints of recordings that somebody put together
+MIN_PAUSES_OF_BURSTS = 8
 
 
 def pauses_of(time_s: np.ndarray) -> np.ndarray:
@@ -23,7 +26,7 @@ def logging_interval_s(time_s: np.ndarray) -> float:
     row intervals, or that of its pauses where it writes bursts of rows that are shorter.
     """
     steps, pauses = np.diff(time_s), pauses_of(time_s)
-    if not len(pauses):
+    if len(pauses) < MIN_PAUSES_OF_BURSTS:
         return float(np.median(steps))
     bounds = np.concatenate([[0], pauses + 1, [len(time_s)]])
     burst_s = np.median(time_s[bounds[1:] - 1] - time_s[bounds[:-1]])

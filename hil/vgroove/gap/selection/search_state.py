@@ -108,7 +108,7 @@ class ClosedShare:
     @property
     def largest(self) -> float:
         """Over all columns, or of one column, whichever is larger."""
-        return max(self.pooled, *self.by_column)
+        return float(max(self.pooled, *self.by_column))
 
 
 @dataclass
