@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from made_log import MadeLog, drive_log, rig
-from vgroove.gap.cleaning.missing_values import logging_interval_s
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 
@@ -22,13 +22,13 @@ def bursts(rows: int, pause_s: float, seconds: float = 6.0) -> np.ndarray:
 
 
 def problem_of_rows(log: MadeLog, kept: np.ndarray) -> Problem:
-    """Problem of some rows of a log."""
+    """The measured problem, with the residuals of TOOL, of a log that has only the rows `kept`."""
     columns = {name: values[kept] for name, values in log.columns.items()}
     return load_problem([MadeLog(log.time_s[kept], columns)], TOOL)
 
 
 def rms(problem: Problem) -> float:
-    """Gap of the rig over all rows."""
+    """Gap of TOOL's own parameter values: RMS of the judged residuals, in sigmas."""
     return float(problem.gap(problem.residuals(problem.theta0)[0], problem.judged))
 
 
@@ -58,8 +58,8 @@ def test_a_clock_that_loses_some_rows_keeps_its_interval(seed: int, lost: int) -
 
 @pytest.mark.parametrize(("rows", "pause_s"), [(5, 0.03), (7, 0.06), (32, 0.06)])
 def test_the_model_runs_on_through_the_pauses_of_bursts(rows: int, pause_s: float) -> None:
-    """The log is that of the rig, with steps of the command: those that fall into a pause are left
-    out up to the next restart.
+    """The log is simulated with TOOL, so that the gap should be about 1. Its command has steps; the
+    rows after a step in a pause are left out up to the next restart.
     """
     log = drive_log(TOOL)
     period = rows - 1 + round(pause_s / ROW_S)

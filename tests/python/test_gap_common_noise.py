@@ -1,4 +1,6 @@
-"""Noise of a sensor that measured several logs: a log in which it rests has that of the others."""
+"""Estimated noise of a sensor in several logs: a log in which its column is constant does not show
+the noise, and takes it from the other logs.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ del UNSTATED.sensors["current_noise_a"]
 
 
 def made(current_sigma: float, speed_sigma: float, rows: int = ROWS, seed: int = 0) -> MadeLog:
-    """A log of a tool at rest whose columns scatter by these standard deviations."""
+    """A log of a motor at standstill: white noise of these standard deviations, A and rpm."""
     rng = np.random.default_rng(seed)
     columns = {
         "duty": np.zeros(rows),
@@ -43,7 +45,7 @@ def test_a_log_at_rest_has_the_least_noise_that_another_one_shows() -> None:
 
 
 def test_motion_in_one_log_hides_nothing_in_another() -> None:
-    """Steps faster than the filter of the estimate look like noise."""
+    """The estimate takes the current's steps, a new value every four rows, for noise."""
     steady, moving = made(0.05, 5.0), made(0.05, 5.0, seed=1)
     moving.columns["current_a"] += np.repeat(np.random.default_rng(3).normal(0, 9, ROWS // 4), 4)
     one, other = sigmas("current_a", *cleaned(UNSTATED, steady, moving))

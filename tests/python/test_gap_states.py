@@ -10,8 +10,8 @@ import pytest
 
 from vgroove.gap.cleaning.sensor_noise import (
     divided_differences,
+    position_noise,
     position_noise_sigma,
-    position_sigma,
 )
 from vgroove.gap.residual.local_polynomial import KnownForce, Observations, local_fit, shrunk
 from vgroove.gap.residual.restarts import Restarts
@@ -162,7 +162,8 @@ def test_divided_differences_leave_noise_as_it_is_and_nothing_of_a_lower_polynom
 def test_a_position_is_never_finer_than_its_step() -> None:
     rig = read_rig(Path(__file__).resolve().parents[2] / "rigs/impact_driver_drive.toml")
     steps = np.round(np.linspace(0.0, 30.0, 5000) / 0.01) * 0.01
-    assert 0.999 < position_sigma(rig, np.arange(5000) * 1e-3, steps) / (0.01 / np.sqrt(12.0)) < 1.2
+    sigma = position_noise(rig, np.arange(5000) * 1e-3, steps).sigma
+    assert 0.999 < sigma / (0.01 / np.sqrt(12.0)) < 1.2
 
 
 @pytest.mark.parametrize("from_angle, speed", [(True, 102.0), (False, 80.0)])

@@ -816,7 +816,9 @@ def test_a_member_whose_size_may_be_none_is_not_named(
 
 
 def with_unknown_sizes(monkeypatch: pytest.MonkeyPatch, unknown: str, after: float) -> None:
-    """Members of these names have sizes that may be none; a set without a member leaves `after`."""
+    """Replace two functions of the decision: the sizes of the members named in `unknown` have
+    intervals that contain 0, and a set without one of its members leaves the squared gap `after`.
+    """
 
     def without(_: object, one: Named, member: str) -> Named:
         leaner = Named(after)

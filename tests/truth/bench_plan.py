@@ -57,8 +57,8 @@ def plan(half: str) -> list[Entry]:
 
 
 def measured_plan(half: str, first: int, series: int) -> list[Entry]:
-    """A series of the regime `measured` with numbers from `first` on. Both halves of a series
-    together have nearly equally many cases of each effect.
+    """The cases of one series (0, 1, ...) of the regime `measured` in a half, from number `first`.
+    In the two halves of a series together all effects have nearly equally many cases.
     """
     kinds = []
     for kind, count in MEASURED.items():

@@ -7,33 +7,6 @@ import numpy as np
 MIN_KNOWN_SHARE = 0.9
 
 
-# A pause of a logger is longer than both (s, median row intervals; chosen on the tuning half of the
-# blind set, docs/gap_bench.md)
-MIN_PAUSE_S, MIN_PAUSE_ROWS = 0.02, 8
-# pauses that a logger makes at least if it writes bursts of rows (chosen): fewer are losses, or the
-# joints of recordings that somebody put together
-MIN_PAUSES_OF_BURSTS = 8
-
-
-def pauses_of(time_s: np.ndarray) -> np.ndarray:
-    """Rows (k,) after which the logger pauses; time_s (n,), s."""
-    steps = np.diff(time_s)
-    return np.flatnonzero(steps > max(MIN_PAUSE_S, MIN_PAUSE_ROWS * float(np.median(steps))))
-
-
-def logging_interval_s(time_s: np.ndarray) -> float:
-    """Interval in s at which a logger with rows at time_s (n,) observes the tool: the median of its
-    row intervals, or that of its pauses where it writes bursts of rows that are shorter.
-    """
-    steps, pauses = np.diff(time_s), pauses_of(time_s)
-    if len(pauses) < MIN_PAUSES_OF_BURSTS:
-        return float(np.median(steps))
-    bounds = np.concatenate([[0], pauses + 1, [len(time_s)]])
-    burst_s = np.median(time_s[bounds[1:] - 1] - time_s[bounds[:-1]])
-    pause_s = np.median(steps[pauses])
-    return float(pause_s if burst_s < pause_s else np.median(steps))
-
-
 def has_values(columns: dict[str, np.ndarray], name: str) -> bool:
     """True if the column of that name (n,) exists and holds at least one finite value."""
     return name in columns and bool(np.isfinite(np.asarray(columns[name], float)).any())

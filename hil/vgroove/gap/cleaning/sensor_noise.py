@@ -149,57 +149,60 @@ def position_noise_sigma(time_s: np.ndarray, values: np.ndarray) -> float:
     return float(min(MAD_TO_SIGMA * np.median(np.abs(d - np.median(d))) for d in found))
 
 
-def position_sigma(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation, rad, of the samples (n,) of an angle at times (n,), s: the log's scatter,
-    at least its quantisation.
-    """
-    rounding = rig.sensors.get("position_lsb_rad", resolution_of(values)) / np.sqrt(12.0)
-    noise = position_noise_sigma(time_s, values)
-    return float(np.nanmax([noise, rounding, MIN_SIGMA["position_rad"]]))
-
-
-def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
-    """Standard deviation of the samples (n,) of current_a, supply_v or speed_rpm, in its unit:
-    stated noise and quantisation, or the log's scatter where the rig states no noise.
-    """
-    rounding = rig.sensors.get(LSB_KEYS[column], resolution_of(values)) / np.sqrt(12.0)
-    noise = rig.sensors.get(NOISE_KEYS[column])
-    if noise is None:
-        sigma = np.nanmax([high_frequency_sigma(values), rounding])
-    else:
-        sigma = np.hypot(noise, rounding)
-    return float(max(sigma, MIN_SIGMA[column]))
-
-
 class SensorNoise(NamedTuple):
-    """Standard deviation of a column's noise in its unit, and whether it is stated or the log shows
-    it: a column that rests or has few samples does not show it.
+    """Standard deviation of a column's noise in its unit, and whether it is stated by the rig or
+    measured by the scatter of the log; otherwise sigma is a lower bound (the column is constant, or
+    has too few samples).
     """
 
     sigma: float
     is_seen: bool
 
 
+def position_noise(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> SensorNoise:
+    """Noise, rad, of the samples (n,) of an angle at times (n,), s: the log's scatter, at least its
+    quantisation.
+    """
+    rounding = rig.sensors.get("position_lsb_rad", resolution_of(values)) / np.sqrt(12.0)
+    scatter = position_noise_sigma(time_s, values)
+    sigma = float(np.nanmax([scatter, rounding, MIN_SIGMA["position_rad"]]))
+    return SensorNoise(sigma, scatter >= sigma)
+
+
+def column_noise(rig: Rig, column: str, values: np.ndarray) -> SensorNoise:
+    """Noise of the samples (n,) of current_a, supply_v or speed_rpm, in its unit: stated noise and
+    quantisation, or the log's scatter where the rig states no noise.
+    """
+    rounding = rig.sensors.get(LSB_KEYS[column], resolution_of(values)) / np.sqrt(12.0)
+    stated = rig.sensors.get(NOISE_KEYS[column])
+    if stated is not None:
+        return SensorNoise(float(max(np.hypot(stated, rounding), MIN_SIGMA[column])), True)
+    scatter = high_frequency_sigma(values)
+    sigma = float(np.nanmax([scatter, rounding, MIN_SIGMA[column]]))
+    return SensorNoise(sigma, scatter >= sigma)
+
+
+def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
+    """Standard deviation of column_noise()."""
+    return column_noise(rig, column, values).sigma
+
+
 def noise_of(
     rig: Rig, time_s: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> dict[str, SensorNoise]:
-    """Noise of each measured column of a log."""
-    noise = {}
-    for name in (n for n in NOISE_KEYS if n in columns):
-        sigma, is_stated = column_sigma(rig, name, columns[name]), NOISE_KEYS[name] in rig.sensors
-        is_seen = is_stated or high_frequency_sigma(columns[name]) >= sigma
-        noise[name] = SensorNoise(sigma, bool(is_seen))
+    """Noise of each measured column (rows,) that a log has, by the name of the column; time_s
+    (rows,): times of the rows, s.
+    """
+    noise = {name: column_noise(rig, name, columns[name]) for name in NOISE_KEYS if name in columns}
     if "position_rad" in columns:
-        sigma = position_sigma(rig, time_s, columns["position_rad"])
-        seen = position_noise_sigma(time_s, columns["position_rad"])
-        noise["position_rad"] = SensorNoise(sigma, bool(seen >= sigma))
+        noise["position_rad"] = position_noise(rig, time_s, columns["position_rad"])
     return noise
 
 
 def common_noise(logs: Sequence[Mapping[str, SensorNoise]]) -> list[dict[str, SensorNoise]]:
-    """Noise of each column of several logs of one tool: a log that does not show the noise of a
-    column has at least the least that another one shows, since one sensor measured both and motion
-    only adds to an estimate.
+    """Noise of each column in each of several logs of one tool. Where a log gives only a lower
+    bound (is_seen is False), the smallest noise of that column in the other logs replaces it if it
+    is larger: all logs come from the same sensor, and motion only enlarges an estimate.
     """
     shown: dict[str, float] = {}
     for name, noise in (item for log in logs for item in log.items() if item[1].is_seen):

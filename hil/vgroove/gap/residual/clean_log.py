@@ -67,6 +67,6 @@ def clean_log(log: Any, rig: Rig) -> CleanLog:
 
 
 def with_common_noise(logs: Sequence[CleanLog]) -> list[CleanLog]:
-    """The logs of one tool with the noise that they show together."""
+    """The cleaned logs of one tool, their noise replaced by that of common_noise()."""
     noise = common_noise([log.noise for log in logs])
     return [replace(log, noise=each) for log, each in zip(logs, noise, strict=True)]

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import (
-    MIN_KNOWN_SHARE,
-    MIN_PAUSE_ROWS,
-    MIN_PAUSE_S,
+from vgroove.gap.cleaning.logging_interval import (
     logging_interval_s,
+    median_interval_s,
     pauses_of,
 )
+from vgroove.gap.cleaning.missing_values import MIN_KNOWN_SHARE
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
@@ -24,11 +23,8 @@ class HoleRules:
     set (docs/gap_bench.md).
     """
 
-    # the motion after a hole is unknown if the hole is longer than both (s, logging intervals)
-    min_s: float = MIN_PAUSE_S
-    min_rows: int = MIN_PAUSE_ROWS
-    # a shorter hole counts if the command changes in it by more than this share of its span, since
-    # the row in which it stepped is unknown
+    # a hole that is no pause of the logger (cleaning/logging_interval.py) counts if the command
+    # changes in it by more than this share of its span: the row in which it stepped is unknown
     min_step_share: float = 0.1
     # share of a log's rows that may be left out after such steps; above it these holes are ignored
     max_step_rows_share: float = 0.1
@@ -82,11 +78,11 @@ def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
     a logger that writes bursts of rows in which the command changes, at an unknown time.
     """
     known = np.flatnonzero(np.isfinite(command))
-    limit = max(HOLES.min_s, HOLES.min_rows * logging_interval_s(time_s))
-    is_hole = np.diff(time_s[known]) > limit
-    pauses = pauses_of(time_s[known])
-    is_hole[pauses] |= _is_step(time_s[known], command[known], 0.0)[pauses]
-    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(is_hole)]
+    known_s = time_s[known]
+    short = pauses_of(known_s, median_interval_s(known_s))
+    changed = short[_is_step(known_s, command[known], 0.0)[short]]
+    holes = np.union1d(pauses_of(known_s, logging_interval_s(time_s)), changed)
+    return [(int(known[k]), int(known[k + 1])) for k in holes]
 
 
 def _is_step(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import logging_interval_s
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.residual.immutable import freeze_arrays
 
 NEIGHBOURS = (4, 8, 16)  # observations on each side of an instant that a quadratic may go through

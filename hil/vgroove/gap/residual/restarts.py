@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import logging_interval_s
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.local_polynomial import (
     LOCAL_FIT,

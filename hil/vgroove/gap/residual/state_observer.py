@@ -7,11 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.missing_values import (
-    hold_last_value,
-    interpolate_missing,
-    logging_interval_s,
-)
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
+from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges

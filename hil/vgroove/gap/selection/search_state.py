@@ -98,8 +98,9 @@ SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
 
 @dataclass(frozen=True)
 class ClosedShare:
-    """Share of a squared gap that an effect closes. pooled: over all columns of the log; by_column
-    (columns,): of each column that has a visible gap and in which it closes one, else 0.
+    """Share of the squared gap above the noise that an effect closes. pooled: of the sum over all
+    columns of the log. by_column (columns,): of each column; 0 where the gap of the column, or the
+    part of it that the effect closes, is not visible.
     """
 
     pooled: float
@@ -283,9 +284,8 @@ class Search:
         with_it, more = (self.loss_by_column(f) for f in (fuller, leaner))
         left, part = np.maximum(more - self.floor_by_column, MIN_POWER), more - with_it
         visible = np.minimum(left, part) > COMPARISON.visible_excess * self.sample_shares
-        return ClosedShare(
-            float(np.sum(part)) / float(np.sum(left)), np.where(visible, part / left, 0.0)
-        )
+        by_column = np.divide(part, left, out=np.zeros_like(part), where=visible)
+        return ClosedShare(float(np.sum(part)) / float(np.sum(left)), by_column)
 
     @cached_property
     def floor_by_column(self) -> np.ndarray:

@@ -204,7 +204,9 @@ def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Cov
 
 
 def known_members(search: Search, one: Fit) -> Fit:
-    """The set without members whose size may be none, one after the other until one is left."""
+    """The set without the members whose size has a 95 % interval that contains 0. They are removed
+    one by one, that of the least gain first; the last member stays in any case.
+    """
     while len(one.ids) > 1 and (unknown := unknown_sizes(search, one)):
         one = fit_without(search, one, unknown[0])
     return one
@@ -287,8 +289,8 @@ def closes_too_little(search: Search, best: Fit) -> bool:
 
 
 def closes_one_column(search: Search, best: Fit, least: float) -> bool:
-    """Whether an effect closes at least a share of the gap of one column before retuning, and the
-    larger part of what retuning leaves there.
+    """Whether the log has a column in which an effect closes at least the share `least` of the gap
+    before retuning, and also min_closed_beyond_retuning of the gap that retuning leaves there.
     """
     before, beyond = (
         search.closed_share(best, f).by_column for f in (search.nominal, search.retuned)

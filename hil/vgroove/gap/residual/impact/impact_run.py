@@ -152,7 +152,9 @@ class ImpactRun:
 
 
 def prepare_impact_run(clean: CleanLog) -> ImpactRun:
-    """Run of a cleaned log of an impact tool; VgrooveError where nothing can be judged."""
+    """The run-up and the statistics of the impact cycles of a cleaned log; VgrooveError where the
+    log holds nothing that can be compared with the simulation.
+    """
     rig = clean.rig
     drive = read_input(clean).columns
     values = judged_columns(clean)
