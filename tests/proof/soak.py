@@ -17,7 +17,13 @@ from typing import Any
 import numpy as np
 
 from vgroove import lockstep, telemetry
-from vgroove.board import OUTPUT_BYTES, default_elf, read_statistics, replay
+from vgroove.board import (
+    OUTPUT_BYTES,
+    default_elf,
+    find_board_program,
+    read_statistics,
+    replay,
+)
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import Profile
 from vgroove.reference.joints import REFERENCE_JOINTS
@@ -227,7 +233,10 @@ def soak(
     jobs: int,
     kept: Callable[[Path, str, Callable[[], dict[str, Any]]], dict[str, Any]],
 ) -> dict[str, Any]:
-    """All pieces of so many hours; finished ones are taken from the folder."""
+    """All pieces of so many hours; finished ones are taken from the folder. VgrooveError where
+    vgroove-board is missing, without which every piece fails.
+    """
+    find_board_program()
     count = round(3600 * hours / PIECE_S)
     for tool in ("impact", "drill"):
         wrap_elf(tool, folder)

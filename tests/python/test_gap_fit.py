@@ -2,12 +2,18 @@
 priors, coverage of confidence intervals.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy, fit_of
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, available, contains, equivalents
-from vgroove.gap.fitting.covariance import sandwich_covariance
+from vgroove.gap.fitting.covariance import (
+    interval_half_widths,
+    region_excludes_zero,
+    sandwich_covariance,
+)
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.steps import bounded_step
@@ -185,8 +191,6 @@ def test_differences_of_positive_numbers_are_relative() -> None:
 
 def test_intervals_are_wider_where_folds_disagree() -> None:
     """Half widths include the scatter over long clusters and over folds, not the noise alone."""
-    from vgroove.gap.fitting.covariance import interval_half_widths, sandwich_covariance
-
     toy = Toy({"effects.coulomb_friction.torque_nm": 0.003})
     engine = Engine(toy, SCALES, {})
     one = engine.fit(engine.hypotheses([BY_ID["coulomb_friction"]]))[0]
@@ -237,3 +241,47 @@ def test_split_by_structure_keeps_every_set_and_whole_lanes(most: int) -> None:
     np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(25))
     lanes = sum(-(-int(np.count_nonzero(kind[part] == k)) // 8) for part in parts for k in range(3))
     assert lanes == 5  # 10, 10 and 5 sets, eight at a time
+
+
+def linear_fit(columns: np.ndarray, true: np.ndarray, seed: int) -> tuple[object, object, list]:
+    """Engine, fit and clusters, as region_excludes_zero() reads them, of a linear model: columns
+    (n, p), true values (p,), noise of unit power, clusters of 20 rows.
+    """
+    noise = np.random.default_rng(seed).standard_normal(len(columns))
+    x = np.linalg.lstsq(columns, columns @ true + noise, rcond=None)[0]
+    coordinates = SimpleNamespace(prior=np.zeros(len(true)))
+    one = SimpleNamespace(
+        x=x,
+        jacobian=columns,
+        residual=columns @ x - columns @ true - noise,
+        delta=1e6,
+        hypothesis=coordinates,
+    )
+    engine = SimpleNamespace(train=np.ones(len(columns), bool), steps_without=lambda _: [])
+    return engine, one, [np.arange(len(columns)) // 20]
+
+
+def test_numbers_that_are_determined_together_are_known_although_no_interval_is() -> None:
+    rng = np.random.default_rng(3)
+    base = rng.standard_normal(400)
+    columns = np.stack([base, base + 0.02 * rng.standard_normal(400)], axis=1)
+    engine, one, clusters = linear_fit(columns, np.array([0.5, 0.5]), 4)
+    widths = interval_half_widths(engine, one, clusters)
+    assert np.all(np.abs(one.x) < widths)
+    assert region_excludes_zero(engine, one, clusters, [0, 1], [])
+    assert not region_excludes_zero(engine, one, clusters, [0], [])
+    assert region_excludes_zero(engine, one, clusters, [0], [1])  # the other one is held
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_region_of_one_number_is_its_interval(seed: int) -> None:
+    columns = np.random.default_rng(seed).standard_normal((200, 2))
+    engine, one, clusters = linear_fit(columns, np.array([0.14, 0.0]), seed)
+    is_known = np.abs(one.x) > interval_half_widths(engine, one, clusters)
+    assert [region_excludes_zero(engine, one, clusters, [k], []) for k in (0, 1)] == list(is_known)
+
+
+def test_too_few_clusters_exclude_nothing() -> None:
+    columns = np.random.default_rng(1).standard_normal((40, 2))
+    engine, one, clusters = linear_fit(columns, np.array([50.0, 50.0]), 1)
+    assert not region_excludes_zero(engine, one, clusters, [0, 1], [])

@@ -752,7 +752,7 @@ def test_of_a_set_that_leaves_a_remainder_the_established_members_are_named(
     ("rivals", "established", "excluded", "unknown", "left", "verdict"),
     [
         (True, True, False, "", 5.0, "ambiguous"),
-        (True, True, False, "a", 5.0, "ambiguous"),  # a member of the named set too
+        (True, True, False, "a", 5.0, "unlisted"),  # the only member of the set
         (True, True, False, "b", 5.0, "partial"),
         (True, True, True, "", 5.0, "partial"),
         (True, False, False, "", 5.0, "partial"),
@@ -779,7 +779,7 @@ def test_a_rival_of_a_partial_set_counts_where_it_is_established_and_not_improba
     found = decision.decide(choice, structure(True), {})
     assert (found.verdict, found.best) == (verdict, best)
     assert found.rivals == ([other] if verdict == "ambiguous" else [])
-    assert found.names_effects
+    assert found.names_effects is (verdict != "unlisted")
 
 
 @pytest.mark.parametrize(("after", "verdict"), [(3.9, "effect"), (4.1, "unlisted")])
@@ -831,10 +831,9 @@ def with_unknown_sizes(monkeypatch: pytest.MonkeyPatch, unknown: str, after: flo
     )
 
 
-# One established member stays: its gain is significant, only its size is not known well.
 @pytest.mark.parametrize(
     ("count", "unknown", "named"),
-    [(2, "", "ab"), (2, "a", "b"), (3, "ac", "b"), (2, "ab", "b"), (1, "a", "a")],
+    [(2, "", "ab"), (2, "a", "b"), (3, "ac", "b"), (2, "ab", ""), (1, "a", "")],
 )
 def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
     count: int, unknown: str, named: str, monkeypatch: pytest.MonkeyPatch
@@ -845,29 +844,44 @@ def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
     monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(True))
     found = decision.decide(selected(state, best), structure(True), {})
-    assert found.best.ids == tuple(named)
+    assert found.names_effects is bool(named)
+    assert not named or found.best.ids == tuple(named)
 
 
 @pytest.mark.parametrize(
-    ("effect", "intervals", "known"),
+    ("effect", "sizes"),
     [
-        ("winding_resistance", {"relative": (0.01, 0.2)}, True),
-        ("winding_resistance", {"relative": (-0.3, -0.1)}, True),
-        ("winding_resistance", {"relative": (-0.01, 0.2)}, False),
-        ("winding_resistance", {"relative": None}, True),  # not fitted
-        ("asymmetric_friction", {"forward_nm": (-1.0, 1.0), "backward_nm": (0.1, 1.0)}, True),
-        ("asymmetric_friction", {"forward_nm": (-1.0, 1.0), "backward_nm": (-0.1, 1.0)}, False),
-        ("cogging_torque", {"torque_nm": (-1.0, 1.0), "periods_per_rev": (5.0, 7.0)}, False),
-        ("wood_knot", {"torque_nm": (-5.0, 5.0), "from_rad": (1.0, 3.0)}, False),
-        # off at infinity: its other numbers are 0 without it
-        ("coupler_compliance", {"stiffness_nm_per_rad": (-1.0, 1.0), "damping_ratio": None}, True),
+        ("winding_resistance", {"relative"}),
+        ("asymmetric_friction", {"forward_nm", "backward_nm"}),
+        ("supply_droop", {"volt_per_coulomb", "polarisation_ohm"}),
+        ("cold_grease", {"nm_s_per_rad"}),
+        ("cogging_torque", {"torque_nm"}),
+        ("wood_knot", {"torque_nm"}),
+        ("coupler_compliance", None),  # off at infinity: its other numbers are 0 without it
     ],
 )
-def test_a_size_is_known_where_its_interval_does_not_contain_zero(
-    effect: str, intervals: dict[str, tuple[float, float] | None], known: bool
+@pytest.mark.parametrize("excludes", [False, True])
+def test_a_size_is_known_where_its_region_excludes_zero(
+    effect: str, sizes: set[str] | None, excludes: bool
 ) -> None:
-    parameters = {n: ParameterEstimate(0.0, ends, "1") for n, ends in intervals.items()}
-    assert decision.is_known_size(parameters, BY_ID[effect]) is known
+    asked = []
+
+    def excludes_zero(effect_id: str, names: list[str]) -> bool:
+        asked.append((effect_id, {name.rsplit(".", 1)[1] for name in names}))
+        return excludes
+
+    estimate = SimpleNamespace(excludes_zero=excludes_zero)
+    assert decision.is_known_size(estimate, BY_ID[effect]) is (sizes is None or excludes)
+    assert asked == ([] if sizes is None else [(effect, sizes)])
+
+
+@pytest.mark.parametrize(("interval", "known"), [((0.001, 0.01), True), ((-0.001, 0.01), False)])
+def test_a_counted_probability_is_known_by_its_interval(
+    interval: tuple[float, float], known: bool
+) -> None:
+    found = {"probability": ParameterEstimate(0.005, interval, "1")}
+    estimate = SimpleNamespace(parameters=lambda _: found)
+    assert decision.is_known_size(estimate, BY_ID["hall_dropout"]) is known
 
 
 # Squared gaps: the retuned model leaves 11 (far from the noise: more than 2 in the gap, 4 squared)
@@ -891,6 +905,7 @@ def test_an_established_set_that_closes_too_little_is_unlisted_where_noise_is_th
     state.engine.discrepancy[0] = discrepancy
     state.fits = {("a",): best}
     monkeypatch.setattr(decision, "established_set", lambda *_: best)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, best), structure(True), {})
     assert (found.verdict, found.names_effects) == (verdict, verdict == "partial")
 
@@ -939,6 +954,7 @@ def test_no_established_effect_is_named_without_a_visible_gap(
     monkeypatch.setattr(decision, "established_set", lambda *_: part)
     monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(False))
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, state.retuned), structure(True), {})
     assert (found.verdict, found.best.ids) == (verdict, ("a",) if verdict == "effect" else ())
 
@@ -1068,6 +1084,7 @@ def test_of_a_hammering_tool_a_set_must_close_a_tenth_of_the_reported_gap(
     monkeypatch.setattr(
         decision, "without_established", lambda *_: SimpleNamespace(verdict="unlisted")
     )
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, part), structure(True), {})
     assert found.verdict == verdict
 

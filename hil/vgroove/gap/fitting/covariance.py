@@ -8,6 +8,7 @@ Sources: White, Econometrica 48 (1980) 817 (sandwich); Liang and Zeger, Biometri
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import f as f_distribution
 from scipy.stats import norm, t
 
 from vgroove.gap.fitting.engine import Engine
@@ -50,6 +51,54 @@ def interval_half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray
     return np.max(found, axis=0)
 
 
+def region_excludes_zero(
+    engine: Engine,
+    one: Fit,
+    clusters: Sequence[np.ndarray],
+    sizes: Sequence[int],
+    held: Sequence[int],
+) -> bool:
+    """Whether the joint 95 % confidence region of some fitted numbers excludes 0 with each of the
+    covariances of interval_half_widths(). sizes, held: places in x (p,) of these numbers, and of
+    those that are held at their values.
+
+    Of one number the region is its interval. Of numbers that the rows determine together only, such
+    as two resistances of a battery with a long time constant, each interval may contain 0 although
+    the region does not. Hotelling's T^2 (T. W. Anderson, An Introduction to Multivariate
+    Statistical Analysis, 2003, chapter 5); the covariance is that of the conditional distribution
+    (ibid., chapter 2).
+    """
+    x = one.x[list(sizes)]
+    scatters = [
+        (sandwich_covariance(one, engine.train, cluster), _freedom(engine.train, cluster))
+        for cluster in clusters
+    ]
+    steps = engine.steps_without(one)
+    if len(steps) >= MIN_JACKKNIFE_FOLDS:
+        scatters.append((_jackknife_covariance(steps), len(steps) - 1))
+    return all(
+        x @ np.linalg.pinv(_conditional(covariance, sizes, held)) @ x
+        > _hotelling_quantile(len(x), freedom)
+        for covariance, freedom in scatters
+    )
+
+
+def _conditional(covariance: np.ndarray, sizes: Sequence[int], held: Sequence[int]) -> np.ndarray:
+    """Covariance (k, k) of the numbers at some places of x, with those at others held."""
+    across = covariance[np.ix_(sizes, held)]
+    inverse = np.linalg.pinv(covariance[np.ix_(held, held)])
+    return covariance[np.ix_(sizes, sizes)] - across @ inverse @ across.T
+
+
+def _hotelling_quantile(dimension: int, freedom: int) -> float:
+    """95 % quantile of T^2; infinite where the covariance has too few degrees of freedom."""
+    rest = freedom - dimension + 1
+    if rest < 1:
+        return np.inf
+    scale = dimension * freedom / rest
+    return scale * float(f_distribution.ppf(2.0 * UPPER_QUANTILE - 1.0, dimension, rest))
+
+
 def white_noise_half_widths(engine: Engine, one: Fit) -> np.ndarray:
     """Half widths (p,) of 95 % intervals of the fitted numbers if the residuals were white noise of
     unit power; infinite for a number that the rows do not determine.
@@ -63,13 +112,22 @@ def white_noise_half_widths(engine: Engine, one: Fit) -> np.ndarray:
 
 
 def _clustered_half_widths(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    groups = len(np.unique(cluster[mask]))
     spread = np.sqrt(np.maximum(np.diag(sandwich_covariance(one, mask, cluster)), 0.0))
-    return spread * t.ppf(UPPER_QUANTILE, max(1, groups - 1))
+    return spread * t.ppf(UPPER_QUANTILE, _freedom(mask, cluster))
+
+
+def _freedom(mask: np.ndarray, cluster: np.ndarray) -> int:
+    """Degrees of freedom of a covariance over the clusters (n,) of the rows of a mask (n,)."""
+    return max(1, len(np.unique(cluster[mask])) - 1)
 
 
 def _jackknife_half_widths(steps: np.ndarray) -> np.ndarray:
     """From the steps (folds, p) to the estimates without each fold."""
-    count = len(steps)
-    variance = (count - 1) / count * ((steps - steps.mean(axis=0)) ** 2).sum(axis=0)
-    return np.sqrt(variance) * t.ppf(UPPER_QUANTILE, count - 1)
+    spread = np.sqrt(np.diag(_jackknife_covariance(steps)))
+    return spread * t.ppf(UPPER_QUANTILE, len(steps) - 1)
+
+
+def _jackknife_covariance(steps: np.ndarray) -> np.ndarray:
+    """Covariance (p, p) from the steps (folds, p) to the estimates without each fold."""
+    apart = steps - steps.mean(axis=0)
+    return (len(steps) - 1) / len(steps) * apart.T @ apart

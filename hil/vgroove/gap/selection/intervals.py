@@ -6,6 +6,7 @@ friction of a shaft that coasts for a second is estimated more precisely from on
 the second than from four that each begin with a measured, noisy state.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -13,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID, FORMS_BEYOND_SPECIFICATION
-from vgroove.gap.fitting.covariance import interval_half_widths
+from vgroove.gap.fitting.covariance import interval_half_widths, region_excludes_zero
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
@@ -69,6 +70,21 @@ class Estimate:
             if len(self.fit.x)
             else np.zeros(0)
         )
+
+    def excludes_zero(self, effect_id: str, names: Collection[str]) -> bool:
+        """Whether the joint 95 % confidence region of some fitted sizes of an effect, given by
+        their parameters' names, excludes 0, with its other numbers (time constants, periods) held
+        at their values; True where none of the sizes was fitted. An amplitude with a phase has two
+        numbers.
+        """
+        coordinates = self.fit.hypothesis.coordinates
+        places = [
+            k for k, c in enumerate(coordinates) if c.name.startswith(f"effects.{effect_id}.")
+        ]
+        sizes = [k for k in places if coordinates[k].name in names]
+        sizes += [k + 1 for k in sizes if coordinates[k].role == "cosine"]
+        held = [k for k in places if k not in sizes]
+        return not sizes or region_excludes_zero(self.engine, self.fit, self.clusters, sizes, held)
 
     def parameters(self, effect_id: str) -> dict[str, ParameterEstimate]:
         """Reported parameters of one effect, with 95 % intervals from cluster-robust covariance."""

@@ -1,5 +1,5 @@
-"""Selects the set of effects that predicts held-out rows best: single effects, forward steps,
-backward steps, exchanges, and the rivals that predict as well.
+"""Selects the set of effects that predicts held-out rows best: single effects, forward steps, a
+beam search far from the noise, backward steps, exchanges, and the rivals that predict as well.
 """
 
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ import numpy as np
 from vgroove.gap.catalogue import BY_ID, FRICTION_LAWS, LESS_LIKELY, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.backward import backward, drop_form_corrections
+from vgroove.gap.selection.beam import search_from_several_sets
 from vgroove.gap.selection.candidate_sets import (
     distinct_hypotheses,
     fit_set,
@@ -44,7 +45,7 @@ def select(search: Search) -> Selection:
     The shaft angles of the selected fit are those that its own parameters align, as `vgroove sim`
     aligns them with the corrected rig.
     """
-    return settled(*forward(fit_single_effects(search)))
+    return settled(*search_from_several_sets(*forward(fit_single_effects(search))))
 
 
 def select_whitened(search: Search) -> Selection | None:

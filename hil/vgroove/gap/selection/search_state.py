@@ -100,11 +100,13 @@ SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
 class ClosedShare:
     """Share of the squared gap above the noise that an effect closes. pooled: of the sum over all
     columns of the log. by_column (columns,): of each column; 0 where the gap of the column, or the
-    part of it that the effect closes, is not visible.
+    part of it that the effect closes, is not visible. reported: of the reported gap, whose clip
+    leaves a gap far above the noise as large as it is; 0 where this is another comparison.
     """
 
     pooled: float
     by_column: np.ndarray
+    reported: float = 0.0
 
     @property
     def largest(self) -> float:
@@ -285,7 +287,8 @@ class Search:
         left, part = np.maximum(more - self.floor_by_column, MIN_POWER), more - with_it
         visible = np.minimum(left, part) > COMPARISON.visible_excess * self.sample_shares
         by_column = np.divide(part, left, out=np.zeros_like(part), where=visible)
-        return ClosedShare(float(np.sum(part)) / float(np.sum(left)), by_column)
+        reported = 0.0 if self.gap_problem is not None else self.reported_share(fuller, leaner)
+        return ClosedShare(float(np.sum(part)) / float(np.sum(left)), by_column, reported)
 
     @cached_property
     def floor_by_column(self) -> np.ndarray:
@@ -462,11 +465,13 @@ class Search:
         """
         return self.reported_gap(one) >= COMPARISON.far_from_noise * self.floor
 
-    def reported_share(self, one: Fit) -> float:
-        """Share of the squared reported gap left by retuning that a set closes."""
-        floor = self.floor**2
-        retuned, after = (self.reported_score(f) - floor for f in (self.retuned, one))
-        return (retuned - after) / max(retuned, MIN_POWER)
+    def reported_share(self, one: Fit, leaner: Fit | None = None) -> float:
+        """Share that a set closes of the squared reported gap that a leaner one (None: retuning)
+        leaves.
+        """
+        floor, leaner = self.floor**2, self.retuned if leaner is None else leaner
+        before, after = (self.reported_score(f) - floor for f in (leaner, one))
+        return (before - after) / max(before, MIN_POWER)
 
     def leaves_most_of_far_gap(self, one: Fit) -> bool:
         """Whether the reported gap of a set lies far above the sensors' noise, and the set closes

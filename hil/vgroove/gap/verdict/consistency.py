@@ -235,7 +235,7 @@ def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: ClosedShar
     found = [part_sizes(search, best, slope, part) for part in partitions(search)]
     divided = [sizes for sizes in found if len(sizes.value) > 1]
     if not divided:
-        return closed.largest >= LIMITS.min_closed_undivided
+        return max(closed.largest, closed.reported) >= LIMITS.min_closed_undivided
     if all(sizes.is_constant() for sizes in divided):
         return True
     least = COMPARISON.min_gain_of_left

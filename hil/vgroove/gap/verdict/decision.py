@@ -2,7 +2,6 @@
 what the set leaves (docs/spec/gap.md, section 5).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +9,12 @@ import numpy as np
 from vgroove.gap.catalogue import BY_ID, SPECIAL_CASES, Effect, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set, fit_without
-from vgroove.gap.selection.intervals import estimate_of, in_catalogue_form
-from vgroove.gap.selection.parameter_estimate import ParameterEstimate
+from vgroove.gap.selection.intervals import (
+    Estimate,
+    best_estimate,
+    estimate_of,
+    in_catalogue_form,
+)
 from vgroove.gap.selection.search import (
     Selection,
     prior_excludes,
@@ -105,8 +108,8 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
 
 
 def established_part(selection: Selection, covariates: Covariates) -> Established:
-    """The established set of a selection, or the one in whitened residuals where it has other
-    members and no fewer.
+    """The established set of a selection, or the one in whitened residuals where it has more
+    members, or as many others that leave no larger reported gap.
 
     A set must be established in the residuals as they are: whitened, also what is outside the
     catalogue leaves errors that one of its effects imitates with one size (an intermittent load a
@@ -120,7 +123,9 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
         if key(found.ids) != key(part.ids) and len(found.ids) >= len(part.ids):
             found, rivals = leanest_established(other, found, covariates)
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
-            return Established(best, rivals, other.search)
+            more = len(found.ids) > len(part.ids)
+            if more or search.reported_gap(best) <= search.reported_gap(part):
+                return Established(best, rivals, other.search)
     return Established(*leanest_established(selection, part, covariates), search)
 
 
@@ -194,43 +199,51 @@ def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Cov
     """
     search, best = selection.search, selection.best
     known = known_members(search, best)
-    is_known = not unknown_sizes(search, known)
-    if known is best and is_known:
+    if known is best:
         return named(search, best, selection.rivals, remainder)
-    if not is_known or is_doubtful(search, known) or not is_limited_by_noise(search, known):
+    if not known.ids or is_doubtful(search, known) or not is_limited_by_noise(search, known):
         return Finding("unlisted", best, [], remainder)
     left = remaining(search, known, covariates)
     return named(search, known, tied_rivals(search, known), left)
 
 
 def known_members(search: Search, one: Fit) -> Fit:
-    """The set without the members whose size has a 95 % interval that contains 0. They are removed
-    one by one, that of the least gain first; the last member stays in any case.
+    """The set without the members whose size may be 0 (is_known_size()), removed one by one, that
+    of the least gain first; the retuned fit where no member is left.
     """
-    while len(one.ids) > 1 and (unknown := unknown_sizes(search, one)):
-        one = fit_without(search, one, unknown[0])
+    while one.ids and (unknown := unknown_sizes(search, one)):
+        one = fit_without(search, one, unknown[0]) if len(one.ids) > 1 else search.retuned
     return one
 
 
 def unknown_sizes(search: Search, one: Fit) -> list[str]:
-    """Members of a set whose size has a 95 % interval that contains 0, that of the least gain
-    first.
+    """Members of a set whose size may be 0, that of the least gain first: by the estimate with the
+    search's restarts, and by the reported one.
     """
     estimate = estimate_of(search, one)
-    members = [i for i in one.ids if not is_known_size(estimate.parameters(i), BY_ID[i])]
+    members = [i for i in one.ids if not is_known_size(estimate, BY_ID[i])]
+    if members and search.unwhitened is None:
+        reported = best_estimate(search, one)
+        members = [i for i in members if not is_known_size(reported, BY_ID[i])]
     return sorted(members, key=lambda i: search.score(fit_without(search, one, i)))
 
 
-def is_known_size(parameters: Mapping[str, ParameterEstimate], effect: Effect) -> bool:
-    """Whether the interval of one of the effect's sizes (its switches, or numbers of the unit of
-    its leading one) does not contain 0. The size of an effect that is off at infinity (a limit, a
-    stiffness) is always known.
+def is_known_size(estimate: Estimate, effect: Effect) -> bool:
+    """Whether the joint 95 % confidence region of an effect's sizes (its switches, or numbers of
+    the unit of its leading one) excludes 0, with its other numbers held: a time constant means
+    nothing at size 0. The size of an effect that is off at infinity (a limit, a stiffness) is
+    always known.
     """
+    if effect.leading.neutral != 0.0:
+        return True
+    if effect.counted:
+        return all(
+            e.ci95 is None or e.ci95[0] > 0.0 for e in estimate.parameters(effect.id).values()
+        )
     alike = [p.name for p in effect.parameters if p.unit == effect.leading.unit]
-    sizes = [name for name in effect.switch or alike if name in parameters]
-    intervals = [parameters[name].ci95 for name in sizes]
-    is_limit = effect.leading.neutral != 0.0
-    return is_limit or any(i is None or i[0] > 0.0 or i[1] < 0.0 for i in intervals)
+    sizes = effect.switch or alike
+    names = [effect.name(p) for p in effect.parameters if p.name in sizes]
+    return estimate.excludes_zero(effect.id, names)
 
 
 def named(search: Search, best: Fit, rivals: list[Fit], remainder: Remainder) -> Finding:

@@ -1,0 +1,128 @@
+"""Several effects at once, of which none closes much alone: the beam search finds them where
+forward selection does not. A motor with a propeller on a test stand whose controller answers late.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vgroove import _core
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.selection import beam
+from vgroove.gap.selection.options import DiagnosisOptions
+from vgroove.gap.selection.search import select
+from vgroove.gap.selection.search_state import Search
+from vgroove.gap.stages import begin_search
+from vgroove.log import Log
+from vgroove.rig import Rig, rig_from_dict
+from vgroove.units import RPM_PER_RAD_S
+
+ROW_S, NOISE_RPM = 0.0227, 10.0
+STAND = {
+    "schema": "vgroove.rig/1",
+    "name": "propeller on a stand",
+    "input": {"kind": "voltage_v", "hold": "after"},
+    "supply": {"voltage_v": 16.0, "resistance_ohm": 0.0},
+    "motor": {
+        "resistance_ohm": 0.1,
+        "inductance_h": 1e-5,
+        "torque_constant_nm_per_a": 0.00415,
+        "inertia_kg_m2": 9e-6,
+        "viscous_nm_s_per_rad": 0.0,
+        "coulomb_nm": 0.0,
+    },
+    "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 0.0},
+    "mechanism": {"kind": "none"},
+    "load": {"kind": "none"},
+    "sensors": {"log_hz": 44, "speed_lsb_rpm": 1.0, "speed_noise_rpm": NOISE_RPM},
+    "tolerance": {"motor.resistance_ohm": 0.3, "motor.torque_constant_nm_per_a": 0.03},
+}
+# levels of a log: (time in s, voltage in V)
+Levels = tuple[tuple[float, float], ...]
+RUNS: tuple[Levels, ...] = (((0.0, 0.0), (0.3, 2.0)), ((0.0, 4.7), (0.6, 7.4)))
+ENDS_S = (1.5, 2.6)
+
+
+def drawn_tool(seed: int) -> Rig:
+    """The stand with a propeller's drag, a constant friction and a delay, drawn from ranges."""
+    rng = np.random.default_rng(seed)
+    effects = {
+        "quadratic_drag": {"nm_s2_per_rad2": rng.uniform(1e-8, 2.5e-8)},
+        "coulomb_friction": {"torque_nm": rng.uniform(0.008, 0.02)},
+        "transport_delay": {"delay_s": rng.uniform(0.045, 0.09)},
+    }
+    return rig_from_dict(STAND | {"effects": effects}, "the stand as it is")
+
+
+def stand_log(tool: Rig, levels: Levels, end_s: float, rng: np.random.Generator) -> Log:
+    """A log of a tool with the noise of the stand."""
+    fine = np.arange(0.0, end_s, ROW_S / 16)
+    volts = np.array([v for _, v in levels])
+    command = volts[np.searchsorted([t for t, _ in levels], fine, side="right") - 1]
+    start = np.array([[np.nan, command[0] / 0.00415 * 0.8, 0.0]])
+    drive = _core.LogInput(fine, "voltage_v", command)
+    rows = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), start)
+    speed = rows["speed_rad_s"][0, ::16] * RPM_PER_RAD_S
+    speed = np.round(speed + NOISE_RPM * rng.standard_normal(len(speed)))
+    return Log(fine[::16], {"voltage_v": command[::16], "speed_rpm": speed}, "stand")
+
+
+def begun(seed: int) -> Search:
+    """A search with the rig of the stand on two logs of a drawn tool."""
+    tool, rng = drawn_tool(seed), np.random.default_rng(seed)
+    logs = [stand_log(tool, levels, end, rng) for levels, end in zip(RUNS, ENDS_S, strict=True)]
+    return begin_search(load_problem(logs, rig_from_dict(STAND, "stand")), DiagnosisOptions())
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_a_delay_beside_two_losses_is_found_in_logs_of_few_steps(seed: int) -> None:
+    selection = select(begun(seed))
+    found = set(selection.best.ids)
+    assert {"quadratic_drag", "transport_delay"} < found
+    assert found & {"coulomb_friction", "stribeck_friction"}
+    assert selection.search.reported_gap(selection.best) < 5.0
+
+
+class Blocked:
+    """A search of so many blocks in which every set leaves so large a gap."""
+
+    def __init__(self, blocks: int, is_far: bool) -> None:
+        self.blocks = SimpleNamespace(rows=np.ones(blocks))
+        self.is_far_from_noise = lambda _: is_far
+        self.fits: dict[tuple[str, ...], object] = {}
+        self.asked = False
+
+    def progress(self, _: str) -> None:
+        """The beam search begins."""
+        self.asked = True
+
+    def ranked(self) -> list[SimpleNamespace]:
+        """The empty set alone."""
+        return [SimpleNamespace(ids=())]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "is_far", "begins"),
+    [
+        (beam.BEAM.max_blocks, True, True),
+        (beam.BEAM.max_blocks + 1, True, False),
+        (beam.BEAM.max_blocks, False, False),
+    ],
+)
+def test_a_beam_search_begins_far_from_the_noise_in_few_blocks(
+    blocks: int, is_far: bool, begins: bool
+) -> None:
+    state, best = Blocked(blocks, is_far), SimpleNamespace(ids=("a",))
+    assert beam.search_from_several_sets(state, best) == (state, best)
+    assert state.asked is begins
+
+
+def test_the_sets_that_fit_best_are_extended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of one size with the smallest errors over all rows; invalid ones are left out."""
+    monkeypatch.setattr(beam, "is_valid", lambda one: one.cost != 2.0)
+    costs = [5.0, 1.0, 2.0, 9.0, 3.0, 4.0, 8.0, 7.0]
+    fits = {(str(c),): SimpleNamespace(ids=(str(c),), cost=c) for c in costs}
+    fits |= {("a", "b"): SimpleNamespace(ids=("a", "b"), cost=0.0)}
+    found = beam.best_fitting(SimpleNamespace(fits=fits), 1)
+    assert [f.cost for f in found] == [1.0, 3.0, 4.0, 5.0, 7.0, 8.0][: beam.BEAM.width]
