@@ -72,19 +72,26 @@ class Estimate:
         )
 
     def excludes_zero(self, effect_id: str, names: Collection[str]) -> bool:
-        """Whether the joint 95 % confidence region of some fitted sizes of an effect, given by
-        their parameters' names, excludes 0, with its other numbers (time constants, periods) held
-        at their values; True where none of the sizes was fitted. An amplitude with a phase has two
-        numbers.
+        """Whether the 95 % confidence region of one of the fitted sizes of an effect, given by
+        their parameters' names, or that of all of them together, excludes 0, with its other numbers
+        (time constants, periods) held at their values; True where none of the sizes was fitted. An
+        amplitude with a phase has two numbers.
         """
         coordinates = self.fit.hypothesis.coordinates
         places = [
             k for k, c in enumerate(coordinates) if c.name.startswith(f"effects.{effect_id}.")
         ]
-        sizes = [k for k in places if coordinates[k].name in names]
-        sizes += [k + 1 for k in sizes if coordinates[k].role == "cosine"]
-        held = [k for k in places if k not in sizes]
-        return not sizes or region_excludes_zero(self.engine, self.fit, self.clusters, sizes, held)
+        sizes = [
+            [k, k + 1] if coordinates[k].role == "cosine" else [k]
+            for k in places
+            if coordinates[k].name in names
+        ]
+        together = sum(sizes, [])
+        held = [k for k in places if k not in together]
+        return not sizes or any(
+            region_excludes_zero(self.engine, self.fit, self.clusters, numbers, held)
+            for numbers in (*sizes, together)
+        )
 
     def parameters(self, effect_id: str) -> dict[str, ParameterEstimate]:
         """Reported parameters of one effect, with 95 % intervals from cluster-robust covariance."""

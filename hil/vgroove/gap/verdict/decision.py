@@ -229,10 +229,10 @@ def unknown_sizes(search: Search, one: Fit) -> list[str]:
 
 
 def is_known_size(estimate: Estimate, effect: Effect) -> bool:
-    """Whether the joint 95 % confidence region of an effect's sizes (its switches, or numbers of
-    the unit of its leading one) excludes 0, with its other numbers held: a time constant means
-    nothing at size 0. The size of an effect that is off at infinity (a limit, a stiffness) is
-    always known.
+    """Whether the 95 % confidence region of an effect's sizes (its switches, or numbers of the unit
+    of its leading one), of one or of all together, excludes 0, with its other numbers held: a time
+    constant means nothing at size 0. The size of an effect that is off at infinity (a limit, a
+    stiffness) is always known.
     """
     if effect.leading.neutral != 0.0:
         return True
