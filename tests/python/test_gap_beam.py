@@ -87,9 +87,11 @@ def test_a_delay_beside_two_losses_is_found_in_logs_of_few_steps(seed: int) -> N
 class Blocked:
     """A search of so many blocks in which every set leaves so large a gap."""
 
-    def __init__(self, blocks: int, is_far: bool) -> None:
-        self.blocks = SimpleNamespace(rows=np.ones(blocks))
+    def __init__(self, blocks: int, is_far: bool, hammers: bool, balance: bool) -> None:
+        self.blocks = SimpleNamespace(count=blocks)
         self.is_far_from_noise = lambda _: is_far
+        self.problem = SimpleNamespace(sigma_is_bound=hammers)
+        self.gap_problem = SimpleNamespace() if balance else None
         self.fits: dict[tuple[str, ...], object] = {}
         self.asked = False
 
@@ -103,19 +105,46 @@ class Blocked:
 
 
 @pytest.mark.parametrize(
-    ("blocks", "is_far", "begins"),
+    ("more_blocks", "is_far", "hammers", "balance", "begins"),
     [
-        (beam.BEAM.max_blocks, True, True),
-        (beam.BEAM.max_blocks + 1, True, False),
-        (beam.BEAM.max_blocks, False, False),
+        (0, True, False, False, True),
+        (1, True, False, False, False),
+        (0, False, False, False, False),
+        (0, True, True, False, False),
+        (0, True, False, True, False),
     ],
 )
 def test_a_beam_search_begins_far_from_the_noise_in_few_blocks(
-    blocks: int, is_far: bool, begins: bool
+    more_blocks: int, is_far: bool, hammers: bool, balance: bool, begins: bool
 ) -> None:
-    state, best = Blocked(blocks, is_far), SimpleNamespace(ids=("a",))
+    state = Blocked(beam.BEAM.max_blocks + more_blocks, is_far, hammers, balance)
+    best = SimpleNamespace(ids=("a",))
     assert beam.search_from_several_sets(state, best) == (state, best)
     assert state.asked is begins
+
+
+@pytest.mark.parametrize(
+    ("left", "closes_most", "taken"), [(4.9, True, True), (5.0, True, False), (4.9, False, False)]
+)
+def test_a_set_is_taken_where_it_closes_most_and_leaves_less(
+    left: float, closes_most: bool, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise the sets that the beam search has fitted are forgotten."""
+    state, best = Blocked(1, True, False, False), SimpleNamespace(ids=("a",))
+    found = SimpleNamespace(ids=("b", "c"))
+
+    def fitted(search: Blocked) -> SimpleNamespace:
+        search.fits[found.ids] = found
+        return found
+
+    state.fits = {best.ids: best}
+    state.reported_gap = lambda one: left if one is found else 5.0
+    state.leaves_most_of_far_gap = lambda _: not closes_most
+    monkeypatch.setattr(beam, "best_of_beam", fitted)
+    monkeypatch.setattr(beam, "rescale", lambda _: "rescaled")
+    wanted = ("rescaled", found) if taken else (state, best)
+    assert beam.search_from_several_sets(state, best) == wanted
+    assert (found.ids in state.fits) is taken
 
 
 def test_the_sets_that_fit_best_are_extended(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -628,8 +628,6 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
         floor_power=1.0,
         retuned="retuned",
         sample_shares=np.full(3, 1.0 / 3.0),
-        gap_problem=None,
-        reported_share=lambda *_: 0.0,
     )
     for method in (Search.is_substantial, Search.gains_share, Search.closed_share):
         setattr(state, method.__name__, MethodType(method, state))

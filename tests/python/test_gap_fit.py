@@ -18,8 +18,10 @@ from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.residual.batches import split_by_size, split_by_structure
+from vgroove.gap.selection.intervals import Estimate
 
 TORQUE = "effects.coulomb_friction.torque_nm"
+STRIBECK_SPEED = {"effects.stribeck_friction.speed_rad_s": 200.0}
 
 
 def value(toy: Toy, one: object, name: str) -> float:
@@ -268,9 +270,8 @@ def test_numbers_that_are_determined_together_are_known_although_no_interval_is(
     engine, one, clusters = linear_fit(columns, np.array([0.5, 0.5]), 4)
     widths = interval_half_widths(engine, one, clusters)
     assert np.all(np.abs(one.x) < widths)
-    assert region_excludes_zero(engine, one, clusters, [0, 1], [])
-    assert not region_excludes_zero(engine, one, clusters, [0], [])
-    assert region_excludes_zero(engine, one, clusters, [0], [1])  # the other one is held
+    assert region_excludes_zero(engine, one, clusters, [0, 1])
+    assert not region_excludes_zero(engine, one, clusters, [0])
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -278,10 +279,36 @@ def test_the_region_of_one_number_is_its_interval(seed: int) -> None:
     columns = np.random.default_rng(seed).standard_normal((200, 2))
     engine, one, clusters = linear_fit(columns, np.array([0.14, 0.0]), seed)
     is_known = np.abs(one.x) > interval_half_widths(engine, one, clusters)
-    assert [region_excludes_zero(engine, one, clusters, [k], []) for k in (0, 1)] == list(is_known)
+    assert [region_excludes_zero(engine, one, clusters, [k]) for k in (0, 1)] == list(is_known)
 
 
 def test_too_few_clusters_exclude_nothing() -> None:
     columns = np.random.default_rng(1).standard_normal((40, 2))
     engine, one, clusters = linear_fit(columns, np.array([50.0, 50.0]), 1)
-    assert not region_excludes_zero(engine, one, clusters, [0, 1], [])
+    assert not region_excludes_zero(engine, one, clusters, [0, 1])
+
+
+@pytest.mark.parametrize(("spread", "known"), [(0.0, True), (0.1, True), (0.5, False)])
+def test_the_scatter_over_folds_counts_for_a_region(spread: float, known: bool) -> None:
+    """Of a value of 1 over four folds; a number at a limit of physics does not scatter at all."""
+    columns = 100.0 * np.random.default_rng(2).standard_normal((200, 1))
+    engine, one, clusters = linear_fit(columns, np.array([1.0]), 2)
+    steps = spread * np.array([[1.0], [-1.0], [1.0], [-1.0]])
+    engine.steps_without = lambda _: steps
+    assert region_excludes_zero(engine, one, clusters, [0]) is known
+    assert bool(abs(one.x[0]) > interval_half_widths(engine, one, clusters)[0]) is known
+
+
+def test_a_size_is_judged_with_the_other_numbers_of_its_effect_held() -> None:
+    """Stribeck friction that acts at one speed only: its size and its speed are known together."""
+    toy = Toy({"effects.stribeck_friction.breakaway_nm": 0.02} | STRIBECK_SPEED)
+    engine, one = fit_of(toy, "stribeck_friction")
+    blocks = np.unique(toy.block, return_inverse=True)[1]
+    estimate = Estimate(engine, one, (blocks,))
+    name = "effects.stribeck_friction.breakaway_nm"
+    assert estimate.excludes_zero("stribeck_friction", [name])
+    held = one.holding([1])
+    assert [c.name for c in held.hypothesis.coordinates] == [name]
+    assert held.x[0] == one.x[0] and held.jacobian.shape == (toy.n, 1)
+    assert one.holding([]) is one
+    assert estimate.excludes_zero("stribeck_friction", [])  # nothing was fitted

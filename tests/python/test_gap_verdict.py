@@ -410,6 +410,7 @@ class Scored:
     leaves_gap_in_most_draws = search_state.Search.leaves_gap_in_most_draws
     is_far_from_noise = search_state.Search.is_far_from_noise
     reported_share = search_state.Search.reported_share
+    closed_reported_share = search_state.Search.closed_reported_share
     leaves_most_of_far_gap = search_state.Search.leaves_most_of_far_gap
     closes_established_share = search_state.Search.closes_established_share
     without: frozenset[str] = frozenset()
@@ -752,7 +753,7 @@ def test_of_a_set_that_leaves_a_remainder_the_established_members_are_named(
     ("rivals", "established", "excluded", "unknown", "left", "verdict"),
     [
         (True, True, False, "", 5.0, "ambiguous"),
-        (True, True, False, "a", 5.0, "unlisted"),  # the only member of the set
+        (True, True, False, "a", 5.0, "ambiguous"),  # a member of the named set too
         (True, True, False, "b", 5.0, "partial"),
         (True, True, True, "", 5.0, "partial"),
         (True, False, False, "", 5.0, "partial"),
@@ -779,7 +780,7 @@ def test_a_rival_of_a_partial_set_counts_where_it_is_established_and_not_improba
     found = decision.decide(choice, structure(True), {})
     assert (found.verdict, found.best) == (verdict, best)
     assert found.rivals == ([other] if verdict == "ambiguous" else [])
-    assert found.names_effects is (verdict != "unlisted")
+    assert found.names_effects
 
 
 @pytest.mark.parametrize(("after", "verdict"), [(3.9, "effect"), (4.1, "unlisted")])
@@ -831,9 +832,10 @@ def with_unknown_sizes(monkeypatch: pytest.MonkeyPatch, unknown: str, after: flo
     )
 
 
+# One established member stays: its gain is significant, only its size is not known well.
 @pytest.mark.parametrize(
     ("count", "unknown", "named"),
-    [(2, "", "ab"), (2, "a", "b"), (3, "ac", "b"), (2, "ab", ""), (1, "a", "")],
+    [(2, "", "ab"), (2, "a", "b"), (3, "ac", "b"), (2, "ab", "b"), (1, "a", "a")],
 )
 def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
     count: int, unknown: str, named: str, monkeypatch: pytest.MonkeyPatch
@@ -844,8 +846,7 @@ def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
     monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(True))
     found = decision.decide(selected(state, best), structure(True), {})
-    assert found.names_effects is bool(named)
-    assert not named or found.best.ids == tuple(named)
+    assert found.best.ids == tuple(named)
 
 
 @pytest.mark.parametrize(
@@ -905,7 +906,6 @@ def test_an_established_set_that_closes_too_little_is_unlisted_where_noise_is_th
     state.engine.discrepancy[0] = discrepancy
     state.fits = {("a",): best}
     monkeypatch.setattr(decision, "established_set", lambda *_: best)
-    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, best), structure(True), {})
     assert (found.verdict, found.names_effects) == (verdict, verdict == "partial")
 
@@ -954,7 +954,6 @@ def test_no_established_effect_is_named_without_a_visible_gap(
     monkeypatch.setattr(decision, "established_set", lambda *_: part)
     monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(False))
-    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, state.retuned), structure(True), {})
     assert (found.verdict, found.best.ids) == (verdict, ("a",) if verdict == "effect" else ())
 
@@ -1084,7 +1083,6 @@ def test_of_a_hammering_tool_a_set_must_close_a_tenth_of_the_reported_gap(
     monkeypatch.setattr(
         decision, "without_established", lambda *_: SimpleNamespace(verdict="unlisted")
     )
-    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, part), structure(True), {})
     assert found.verdict == verdict
 

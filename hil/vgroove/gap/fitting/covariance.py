@@ -52,23 +52,17 @@ def interval_half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray
 
 
 def region_excludes_zero(
-    engine: Engine,
-    one: Fit,
-    clusters: Sequence[np.ndarray],
-    sizes: Sequence[int],
-    held: Sequence[int],
+    engine: Engine, one: Fit, clusters: Sequence[np.ndarray], numbers: Sequence[int]
 ) -> bool:
-    """Whether the joint 95 % confidence region of some fitted numbers excludes 0 with each of the
-    covariances of interval_half_widths(). sizes, held: places in x (p,) of these numbers, and of
-    those that are held at their values.
+    """Whether the joint 95 % confidence region of the fitted numbers at some places in x (p,)
+    excludes 0 with each of the covariances of interval_half_widths().
 
     Of one number the region is its interval. Of numbers that the rows determine together only, such
     as two resistances of a battery with a long time constant, each interval may contain 0 although
     the region does not. Hotelling's T^2 (T. W. Anderson, An Introduction to Multivariate
-    Statistical Analysis, 2003, chapter 5); the covariance is that of the conditional distribution
-    (ibid., chapter 2).
+    Statistical Analysis, 2003, chapter 5).
     """
-    x = one.x[list(sizes)]
+    places = list(numbers)
     scatters = [
         (sandwich_covariance(one, engine.train, cluster), _freedom(engine.train, cluster))
         for cluster in clusters
@@ -77,17 +71,19 @@ def region_excludes_zero(
     if len(steps) >= MIN_JACKKNIFE_FOLDS:
         scatters.append((_jackknife_covariance(steps), len(steps) - 1))
     return all(
-        x @ np.linalg.pinv(_conditional(covariance, sizes, held)) @ x
-        > _hotelling_quantile(len(x), freedom)
+        _t_squared(one.x[places], covariance[np.ix_(places, places)])
+        > _hotelling_quantile(len(places), freedom)
         for covariance, freedom in scatters
     )
 
 
-def _conditional(covariance: np.ndarray, sizes: Sequence[int], held: Sequence[int]) -> np.ndarray:
-    """Covariance (k, k) of the numbers at some places of x, with those at others held."""
-    across = covariance[np.ix_(sizes, held)]
-    inverse = np.linalg.pinv(covariance[np.ix_(held, held)])
-    return covariance[np.ix_(sizes, sizes)] - across @ inverse @ across.T
+def _t_squared(x: np.ndarray, covariance: np.ndarray) -> float:
+    """Hotelling's T^2 of numbers x (k,) with a covariance (k, k): very large along a direction in
+    which nothing scatters, such as that of a number at a limit of physics.
+    """
+    variance, directions = np.linalg.eigh(covariance)
+    least = np.finfo(float).eps * max(float(x @ x), np.finfo(float).tiny)
+    return float(np.sum((directions.T @ x) ** 2 / np.maximum(variance, least)))
 
 
 def _hotelling_quantile(dimension: int, freedom: int) -> float:

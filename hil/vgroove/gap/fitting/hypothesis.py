@@ -2,7 +2,8 @@
 the fitted state of one.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -152,3 +153,20 @@ class Fit:
     def theta(self, base: np.ndarray) -> np.ndarray:
         """Parameter vector (P,) on top of the rig's own (P,)."""
         return self.hypothesis.theta(base, self.x[None, :])[0]
+
+    def holding(self, held: Collection[int]) -> "Fit":
+        """The fit with the numbers at some places in x held at their values, for estimates to first
+        order; the fit itself where none is held.
+        """
+        if not held:
+            return self
+        free = [k for k in range(len(self.x)) if k not in held]
+        coordinates = tuple(self.hypothesis.coordinates[k] for k in free)
+        return replace(
+            self,
+            hypothesis=replace(self.hypothesis, coordinates=coordinates, start=self.x[free]),
+            x=self.x[free],
+            jacobian=self.jacobian[:, free],
+            exact=False,
+            fold_steps=np.zeros((0, 0)),
+        )

@@ -74,23 +74,24 @@ class Estimate:
     def excludes_zero(self, effect_id: str, names: Collection[str]) -> bool:
         """Whether the 95 % confidence region of one of the fitted sizes of an effect, given by
         their parameters' names, or that of all of them together, excludes 0, with its other numbers
-        (time constants, periods) held at their values; True where none of the sizes was fitted. An
-        amplitude with a phase has two numbers.
+        (time constants, periods) free or held at their values; True where none of the sizes was
+        fitted. An amplitude with a phase has two numbers.
         """
-        coordinates = self.fit.hypothesis.coordinates
-        places = [
-            k for k, c in enumerate(coordinates) if c.name.startswith(f"effects.{effect_id}.")
+        sizes = size_places(self.fit, names)
+        held = [
+            k
+            for k, c in enumerate(self.fit.hypothesis.coordinates)
+            if c.name.startswith(f"effects.{effect_id}.") and k not in sum(sizes, [])
         ]
-        sizes = [
-            [k, k + 1] if coordinates[k].role == "cosine" else [k]
-            for k in places
-            if coordinates[k].name in names
-        ]
-        together = sum(sizes, [])
-        held = [k for k in places if k not in together]
-        return not sizes or any(
-            region_excludes_zero(self.engine, self.fit, self.clusters, numbers, held)
-            for numbers in (*sizes, together)
+        fits = [self.fit, self.fit.holding(held)] if held else [self.fit]
+        return not sizes or any(self._region_excludes_zero(one, names) for one in fits)
+
+    def _region_excludes_zero(self, one: Fit, names: Collection[str]) -> bool:
+        """Whether the region of one of the numbers with these names, or of all, excludes 0."""
+        alone = size_places(one, names)
+        return any(
+            region_excludes_zero(self.engine, one, self.clusters, numbers)
+            for numbers in (*alone, sum(alone, []))
         )
 
     def parameters(self, effect_id: str) -> dict[str, ParameterEstimate]:
@@ -111,6 +112,15 @@ class Estimate:
         theta = self.fit.theta(self.engine.problem.theta0)
         found = {c.name: float(theta[c.columns[0]]) for c in self.engine.nuisance}
         return {name: value for name, value in found.items() if OF_LOG not in name}
+
+
+def size_places(one: Fit, names: Collection[str]) -> list[list[int]]:
+    """Places in x of a fit's numbers with these names, each with that of its sine."""
+    return [
+        [k, k + 1] if c.role == "cosine" else [k]
+        for k, c in enumerate(one.hypothesis.coordinates)
+        if c.name in names
+    ]
 
 
 def estimate_of(search: Search, one: Fit) -> Estimate:

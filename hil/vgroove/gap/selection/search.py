@@ -57,7 +57,7 @@ def select_whitened(search: Search) -> Selection | None:
 
 
 def settled(search: Search, best: Fit) -> Selection:
-    """The selection that begins with the result of forward selection."""
+    """The selection that begins with the best set of forward selection or of the beam search."""
     rivals: list[Fit] = []
     if best.ids:
         best = backward(search, leanest_tied(search, best))

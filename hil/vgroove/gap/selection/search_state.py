@@ -100,13 +100,11 @@ SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
 class ClosedShare:
     """Share of the squared gap above the noise that an effect closes. pooled: of the sum over all
     columns of the log. by_column (columns,): of each column; 0 where the gap of the column, or the
-    part of it that the effect closes, is not visible. reported: of the reported gap, whose clip
-    leaves a gap far above the noise as large as it is; 0 where this is another comparison.
+    part of it that the effect closes, is not visible.
     """
 
     pooled: float
     by_column: np.ndarray
-    reported: float = 0.0
 
     @property
     def largest(self) -> float:
@@ -287,8 +285,7 @@ class Search:
         left, part = np.maximum(more - self.floor_by_column, MIN_POWER), more - with_it
         visible = np.minimum(left, part) > COMPARISON.visible_excess * self.sample_shares
         by_column = np.divide(part, left, out=np.zeros_like(part), where=visible)
-        reported = 0.0 if self.gap_problem is not None else self.reported_share(fuller, leaner)
-        return ClosedShare(float(np.sum(part)) / float(np.sum(left)), by_column, reported)
+        return ClosedShare(float(np.sum(part)) / float(np.sum(left)), by_column)
 
     @cached_property
     def floor_by_column(self) -> np.ndarray:
@@ -465,11 +462,15 @@ class Search:
         """
         return self.reported_gap(one) >= COMPARISON.far_from_noise * self.floor
 
-    def reported_share(self, one: Fit, leaner: Fit | None = None) -> float:
-        """Share that a set closes of the squared reported gap that a leaner one (None: retuning)
-        leaves.
+    def reported_share(self, one: Fit) -> float:
+        """Share of the squared reported gap left by retuning that a set closes."""
+        return self.closed_reported_share(one, self.retuned)
+
+    def closed_reported_share(self, one: Fit, leaner: Fit) -> float:
+        """Share that a set closes of the squared reported gap that a leaner one leaves. The clip of
+        the reported gap leaves a gap far above the noise as large as it is.
         """
-        floor, leaner = self.floor**2, self.retuned if leaner is None else leaner
+        floor = self.floor**2
         before, after = (self.reported_score(f) - floor for f in (leaner, one))
         return (before - after) / max(before, MIN_POWER)
 

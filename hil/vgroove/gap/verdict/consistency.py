@@ -223,9 +223,12 @@ def _size_in_part(
     return 1.0 + float(step[0]), sigma, 1.0 / float(inverse[0, 0])
 
 
-def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: ClosedShare) -> bool:
+def keeps_its_size(
+    search: Search, best: Fit, effect_id: str, closed: ClosedShare, closed_reported: float = 0.0
+) -> bool:
     """Whether the effect's size is the same in all parts of every division in which at least two
-    parts show it. Without such a division the effect must close nearly all.
+    parts show it. Without such a division the effect must close nearly all; closed_reported is the
+    share that it closes of the reported gap.
 
     An effect that closes at least half of the gap may differ in a part in which it causes little of
     the gap: other model errors dominate there. If it closes half in one column of the log alone, it
@@ -235,7 +238,7 @@ def keeps_its_size(search: Search, best: Fit, effect_id: str, closed: ClosedShar
     found = [part_sizes(search, best, slope, part) for part in partitions(search)]
     divided = [sizes for sizes in found if len(sizes.value) > 1]
     if not divided:
-        return max(closed.largest, closed.reported) >= LIMITS.min_closed_undivided
+        return max(closed.largest, closed_reported) >= LIMITS.min_closed_undivided
     if all(sizes.is_constant() for sizes in divided):
         return True
     least = COMPARISON.min_gain_of_left

@@ -199,9 +199,10 @@ def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Cov
     """
     search, best = selection.search, selection.best
     known = known_members(search, best)
-    if known is best:
+    is_known = not unknown_sizes(search, known)
+    if known is best and is_known:
         return named(search, best, selection.rivals, remainder)
-    if not known.ids or is_doubtful(search, known) or not is_limited_by_noise(search, known):
+    if not is_known or is_doubtful(search, known) or not is_limited_by_noise(search, known):
         return Finding("unlisted", best, [], remainder)
     left = remaining(search, known, covariates)
     return named(search, known, tied_rivals(search, known), left)
@@ -209,10 +210,10 @@ def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Cov
 
 def known_members(search: Search, one: Fit) -> Fit:
     """The set without the members whose size may be 0 (is_known_size()), removed one by one, that
-    of the least gain first; the retuned fit where no member is left.
+    of the least gain first; the last member stays in any case.
     """
-    while one.ids and (unknown := unknown_sizes(search, one)):
-        one = fit_without(search, one, unknown[0]) if len(one.ids) > 1 else search.retuned
+    while len(one.ids) > 1 and (unknown := unknown_sizes(search, one)):
+        one = fit_without(search, one, unknown[0])
     return one
 
 

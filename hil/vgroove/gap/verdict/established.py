@@ -61,7 +61,21 @@ class Member:
     def keeps_size(self) -> bool:
         """Whether its size is the same wherever the logs show it."""
         closed = self.search.closed_share(self.best, self.without)
-        return consistency.keeps_its_size(self.search, self.best, self.id, closed)
+        return consistency.keeps_its_size(
+            self.search, self.best, self.id, closed, self.closed_reported
+        )
+
+    @property
+    def closed_reported(self) -> float:
+        """Share that it closes of a reported gap that is far from the noise without it; 0 where
+        another comparison than the forward simulation is judged.
+        """
+        search = self.search
+        if search.gap_problem is not None or search.unwhitened is not None:
+            return 0.0
+        if not search.is_far_from_noise(self.without):
+            return 0.0
+        return search.closed_reported_share(self.best, self.without)
 
     @cached_property
     def loses_little(self) -> bool:
