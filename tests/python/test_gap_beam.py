@@ -75,9 +75,9 @@ def begun(seed: int) -> Search:
     return begin_search(load_problem(logs, rig_from_dict(STAND, "stand")), DiagnosisOptions())
 
 
-@pytest.mark.parametrize("seed", [1, 5])
-def test_a_delay_beside_two_losses_is_found_in_logs_of_few_steps(seed: int) -> None:
-    selection = select(begun(seed))
+def test_a_delay_beside_two_losses_is_found_in_logs_of_few_steps() -> None:
+    """Without the beam search the selection of this draw is torque_constant, gap 28."""
+    selection = select(begun(5))
     found = set(selection.best.ids)
     assert {"quadratic_drag", "transport_delay"} < found
     assert found & {"coulomb_friction", "stribeck_friction"}
@@ -98,6 +98,10 @@ class Blocked:
     def progress(self, _: str) -> None:
         """The beam search begins."""
         self.asked = True
+
+    def reported_share(self, _: object) -> float:
+        """Nothing is closed."""
+        return 0.0
 
     def ranked(self) -> list[SimpleNamespace]:
         """The empty set alone."""
@@ -124,10 +128,10 @@ def test_a_beam_search_begins_far_from_the_noise_in_few_blocks(
 
 
 @pytest.mark.parametrize(
-    ("left", "closes_most", "taken"), [(4.9, True, True), (5.0, True, False), (4.9, False, False)]
+    ("left", "closed", "taken"), [(4.9, 0.95, True), (5.0, 0.95, False), (4.9, 0.94, False)]
 )
-def test_a_set_is_taken_where_it_closes_most_and_leaves_less(
-    left: float, closes_most: bool, taken: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_set_is_taken_where_it_closes_nearly_all_and_leaves_less(
+    left: float, closed: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Otherwise the sets that the beam search has fitted are forgotten."""
     state, best = Blocked(1, True, False, False), SimpleNamespace(ids=("a",))
@@ -139,7 +143,7 @@ def test_a_set_is_taken_where_it_closes_most_and_leaves_less(
 
     state.fits = {best.ids: best}
     state.reported_gap = lambda one: left if one is found else 5.0
-    state.leaves_most_of_far_gap = lambda _: not closes_most
+    state.reported_share = lambda _: closed
     monkeypatch.setattr(beam, "best_of_beam", fitted)
     monkeypatch.setattr(beam, "rescale", lambda _: "rescaled")
     wanted = ("rescaled", found) if taken else (state, best)
