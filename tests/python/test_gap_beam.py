@@ -96,7 +96,7 @@ class Blocked:
         self.asked = False
 
     def progress(self, _: str) -> None:
-        """The beam search begins."""
+        """Called when the beam search begins."""
         self.asked = True
 
     def reported_share(self, _: object) -> float:

@@ -246,8 +246,9 @@ def test_split_by_structure_keeps_every_set_and_whole_lanes(most: int) -> None:
 
 
 def linear_fit(columns: np.ndarray, true: np.ndarray, seed: int) -> tuple[object, object, list]:
-    """Engine, fit and clusters, as region_excludes_zero() reads them, of a linear model: columns
-    (n, p), true values (p,), noise of unit power, clusters of 20 rows.
+    """Test doubles of an engine and of a fit by least squares, and one clustering in 20 rows each.
+    The model is linear: columns (n, p) times values (p,), whose true ones are given, and white
+    noise of unit variance.
     """
     noise = np.random.default_rng(seed).standard_normal(len(columns))
     x = np.linalg.lstsq(columns, columns @ true + noise, rcond=None)[0]

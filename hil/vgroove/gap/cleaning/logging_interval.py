@@ -25,8 +25,8 @@ def median_interval_s(time_s: np.ndarray) -> float:
 
 
 def logging_interval_s(time_s: np.ndarray) -> float:
-    """Interval in s at which a logger with rows at time_s (n,) observes the tool: the median of its
-    row intervals, or that of its pauses where it writes bursts of rows that are shorter.
+    """Usual time in s between two observations of a logger, from the times of its rows, time_s
+    (n,), s: the median row interval, or the median pause where it writes short bursts of rows.
     """
     usual_s = median_interval_s(time_s)
     pauses = pauses_of(time_s, usual_s)

@@ -43,43 +43,54 @@ def interval_half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray
     errs in the same direction over whole strokes. The scatter over long clusters and between folds
     includes that. Both use Student's t for their few degrees of freedom.
     """
-    found = [np.zeros(len(one.x))]
-    found += [_clustered_half_widths(one, engine.train, cluster) for cluster in clusters]
-    steps = engine.steps_without(one)
-    if len(steps) >= MIN_JACKKNIFE_FOLDS:
-        found.append(_jackknife_half_widths(steps))
-    return np.max(found, axis=0)
+    widths = [
+        np.sqrt(np.maximum(np.diag(covariance), 0.0)) * t.ppf(UPPER_QUANTILE, freedom)
+        for covariance, freedom in _covariances(engine, one, clusters)
+    ]
+    return np.max([np.zeros(len(one.x)), *widths], axis=0)
 
 
 def region_excludes_zero(
-    engine: Engine, one: Fit, clusters: Sequence[np.ndarray], numbers: Sequence[int]
+    engine: Engine, one: Fit, clusters: Sequence[np.ndarray], *groups: Sequence[int]
 ) -> bool:
-    """Whether the joint 95 % confidence region of the fitted numbers at some places in x (p,)
-    excludes 0 with each of the covariances of interval_half_widths().
+    """Whether the joint 95 % confidence region of at least one group of fitted numbers, given by
+    their places in x (p,), excludes 0 with each of the covariances of interval_half_widths().
 
     Of one number the region is its interval. Of numbers that the rows determine together only, such
     as two resistances of a battery with a long time constant, each interval may contain 0 although
     the region does not. Hotelling's T^2 (T. W. Anderson, An Introduction to Multivariate
     Statistical Analysis, 2003, chapter 5).
     """
-    places = list(numbers)
-    scatters = [
+    covariances = _covariances(engine, one, clusters)
+    return any(
+        all(
+            _t_squared(one.x[list(group)], covariance[np.ix_(group, group)])
+            > _hotelling_quantile(len(group), freedom)
+            for covariance, freedom in covariances
+        )
+        for group in groups
+    )
+
+
+def _covariances(
+    engine: Engine, one: Fit, clusters: Sequence[np.ndarray]
+) -> list[tuple[np.ndarray, int]]:
+    """Covariances (p, p) of the fitted numbers with their degrees of freedom: the sandwich over
+    each clustering (n,) of the rows, and the jackknife where there are folds enough.
+    """
+    found = [
         (sandwich_covariance(one, engine.train, cluster), _freedom(engine.train, cluster))
         for cluster in clusters
     ]
     steps = engine.steps_without(one)
     if len(steps) >= MIN_JACKKNIFE_FOLDS:
-        scatters.append((_jackknife_covariance(steps), len(steps) - 1))
-    return all(
-        _t_squared(one.x[places], covariance[np.ix_(places, places)])
-        > _hotelling_quantile(len(places), freedom)
-        for covariance, freedom in scatters
-    )
+        found.append((_jackknife_covariance(steps), len(steps) - 1))
+    return found
 
 
 def _t_squared(x: np.ndarray, covariance: np.ndarray) -> float:
-    """Hotelling's T^2 of numbers x (k,) with a covariance (k, k): very large along a direction in
-    which nothing scatters, such as that of a number at a limit of physics.
+    """Hotelling's T^2 of numbers x (k,) with a covariance (k, k). A number without any variance,
+    such as one that every fold leaves at its physical limit, makes it very large.
     """
     variance, directions = np.linalg.eigh(covariance)
     least = np.finfo(float).eps * max(float(x @ x), np.finfo(float).tiny)
@@ -107,23 +118,14 @@ def white_noise_half_widths(engine: Engine, one: Fit) -> np.ndarray:
     return norm.ppf(UPPER_QUANTILE) * np.sqrt(variance)
 
 
-def _clustered_half_widths(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    spread = np.sqrt(np.maximum(np.diag(sandwich_covariance(one, mask, cluster)), 0.0))
-    return spread * t.ppf(UPPER_QUANTILE, _freedom(mask, cluster))
-
-
 def _freedom(mask: np.ndarray, cluster: np.ndarray) -> int:
     """Degrees of freedom of a covariance over the clusters (n,) of the rows of a mask (n,)."""
     return max(1, len(np.unique(cluster[mask])) - 1)
 
 
-def _jackknife_half_widths(steps: np.ndarray) -> np.ndarray:
-    """From the steps (folds, p) to the estimates without each fold."""
-    spread = np.sqrt(np.diag(_jackknife_covariance(steps)))
-    return spread * t.ppf(UPPER_QUANTILE, len(steps) - 1)
-
-
 def _jackknife_covariance(steps: np.ndarray) -> np.ndarray:
-    """Covariance (p, p) from the steps (folds, p) to the estimates without each fold."""
+    """Jackknife covariance (p, p) of the fitted numbers. steps (folds, p): difference of the
+    estimate without each fold and the estimate from all rows.
+    """
     apart = steps - steps.mean(axis=0)
     return (len(steps) - 1) / len(steps) * apart.T @ apart

@@ -36,12 +36,12 @@ BEAM = BeamLimits()
 
 
 def search_from_several_sets(search: Search, best: Fit) -> tuple[Search, Fit]:
-    """The search, rescaled, and the set that predicts the held-out rows best, where that set closes
-    nearly all of the reported gap and leaves less of it than the best one of forward selection.
-    Both as they are otherwise, and where may_be_wide() does not hold: among many sets some close a
-    part of what is outside the catalogue.
+    """The search and its best set after a beam search: the set that predicts the held-out rows
+    best, if it closes nearly all of the reported gap and leaves less than `best`, the result of
+    forward selection. The search and `best` unchanged otherwise, since among many sets some close a
+    part of what is outside the catalogue, and where suits_beam_search() is False.
     """
-    if not may_be_wide(search, best):
+    if not suits_beam_search(search, best):
         return search, best
     search.progress("sets of several effects")
     before = dict(search.fits)
@@ -72,7 +72,7 @@ def best_of_beam(search: Search) -> Fit:
     return search.ranked()[0]
 
 
-def may_be_wide(search: Search, best: Fit) -> bool:
+def suits_beam_search(search: Search, best: Fit) -> bool:
     """Whether the logs have few blocks and the best set of forward selection ends far from the
     noise, in the forward simulation of a tool that does not hammer: the cycles of a hammering one
     are many, and each of its simulations is long.

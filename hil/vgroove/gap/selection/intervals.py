@@ -88,11 +88,10 @@ class Estimate:
 
     def _region_excludes_zero(self, one: Fit, names: Collection[str]) -> bool:
         """Whether the region of one of the numbers with these names, or of all, excludes 0."""
-        alone = size_places(one, names)
-        return any(
-            region_excludes_zero(self.engine, one, self.clusters, numbers)
-            for numbers in (*alone, sum(alone, []))
-        )
+        groups = size_places(one, names)
+        if len(groups) > 1:
+            groups.append(sum(groups, []))
+        return region_excludes_zero(self.engine, one, self.clusters, *groups)
 
     def parameters(self, effect_id: str) -> dict[str, ParameterEstimate]:
         """Reported parameters of one effect, with 95 % intervals from cluster-robust covariance."""

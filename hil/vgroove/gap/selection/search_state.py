@@ -468,7 +468,7 @@ class Search:
 
     def closed_reported_share(self, one: Fit, leaner: Fit) -> float:
         """Share that a set closes of the squared reported gap that a leaner one leaves. The clip of
-        the reported gap leaves a gap far above the noise as large as it is.
+        the reported gap grows with the nominal model's errors, so that large errors count.
         """
         floor = self.floor**2
         before, after = (self.reported_score(f) - floor for f in (leaner, one))

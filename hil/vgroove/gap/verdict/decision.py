@@ -209,8 +209,8 @@ def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Cov
 
 
 def known_members(search: Search, one: Fit) -> Fit:
-    """The set without the members whose size may be 0 (is_known_size()), removed one by one, that
-    of the least gain first; the last member stays in any case.
+    """The set without the members whose size may be 0 (unknown_sizes()). The one of the least gain
+    is removed first and the rest fitted again; the last member always stays.
     """
     while len(one.ids) > 1 and (unknown := unknown_sizes(search, one)):
         one = fit_without(search, one, unknown[0])
@@ -231,9 +231,9 @@ def unknown_sizes(search: Search, one: Fit) -> list[str]:
 
 def is_known_size(estimate: Estimate, effect: Effect) -> bool:
     """Whether the 95 % confidence region of an effect's sizes (its switches, or numbers of the unit
-    of its leading one), of one or of all together, excludes 0, with its other numbers held: a time
-    constant means nothing at size 0. The size of an effect that is off at infinity (a limit, a
-    stiffness) is always known.
+    of its leading one), of one or of all together, excludes 0: with its other numbers free, or
+    held, since a time constant means nothing at size 0. The size of an effect that is off at
+    infinity (a limit, a stiffness) is always known.
     """
     if effect.leading.neutral != 0.0:
         return True
@@ -294,9 +294,7 @@ def closes_too_little(search: Search, best: Fit) -> bool:
         return beyond < least
     shares = (
         closed_share_of_score(search, search.nominal, best),
-        closed_power_share(
-            search.reported_score(search.nominal), search.reported_score(best), search.floor**2
-        ),
+        search.closed_reported_share(best, search.nominal),
     )
     too_little = beyond < DECISION.min_closed_beyond_retuning or max(shares) < least
     return too_little and not closes_one_column(search, best, least)
@@ -346,12 +344,7 @@ def closed_share_of_score(search: Search, leaner: Fit, fuller: Fit) -> float:
     closes.
     """
     before, after = search.score(leaner), search.score(fuller)
-    return closed_power_share(before, after, search.floor_power)
-
-
-def closed_power_share(before: float, after: float, floor: float) -> float:
-    """Share of a squared gap above the noise that is closed; all are squared gaps."""
-    return (before - after) / max(before - floor, DECISION.min_gap_power)
+    return (before - after) / max(before - search.floor_power, DECISION.min_gap_power)
 
 
 def reported_fit(search: Search, finding: Finding) -> Fit:
