@@ -98,6 +98,7 @@ class Signal:
     column: str
     unit: str
     sigma: float
+    noise_is_known: bool = False
 
 
 class Toy:

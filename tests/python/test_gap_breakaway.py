@@ -95,7 +95,7 @@ def test_the_gained_speed_is_that_of_a_friction_that_builds_up_over_a_small_angl
 def test_the_offset_lasts_up_to_the_next_restart_and_censored_samples_have_none(
     opened: RowChannel,
 ) -> None:
-    held = opened.offset_sigma > 0.0
+    held = opened.shared.loadings[:, 0] > 0.0
     expected = (TIME > 0.2) & (TIME < 0.42) | (TIME > 1.05) & (TIME < 1.3)
     unlike = TIME[held != (expected & ~opened.censored)]
     assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is within the noise of a rest
@@ -104,21 +104,18 @@ def test_the_offset_lasts_up_to_the_next_restart_and_censored_samples_have_none(
 
 def test_residuals_with_an_unknown_shared_offset_are_uncorrelated(opened: RowChannel) -> None:
     white = residual(opened, np.diag(opened.sigma)).T  # r' = white @ r
-    shared = np.stack(
-        [
-            np.where(opened.offset_group == p, opened.offset_sigma / opened.sigma, 0.0)
-            for p in np.unique(opened.offset_group)
-        ]
-    )
+    group, loadings = opened.shared.group, opened.shared.loadings[:, 0]
+    shared = np.stack([np.where(group == p, loadings, 0.0) for p in np.unique(group)])
     assert white @ (np.eye(len(TIME)) + shared.T @ shared) @ white.T == pytest.approx(
         np.eye(len(TIME)), abs=1e-9
     )
 
 
 def test_a_likely_offset_is_removed_and_an_unlikely_one_stays(opened: RowChannel) -> None:
-    first = (opened.offset_group == 0) & (opened.offset_sigma > 0.0)
+    offset_rpm = opened.shared.loadings[:, 0] * opened.sigma
+    first = (opened.shared.group == 0) & (offset_rpm > 0.0)
     left = [
-        residual(opened, np.where(first, factor * opened.offset_sigma, 0.0)[None])[0]
+        residual(opened, np.where(first, factor * offset_rpm, 0.0)[None])[0]
         for factor in (1.0, 100.0)
     ]
     assert np.sum(left[0] ** 2) < 1.0 and np.sum(left[1] ** 2) > 1e3
@@ -131,4 +128,4 @@ def test_with_a_voltage_as_input_there_is_no_offset(rig: Rig) -> None:
     record = SpeedRecord(seen(), 0.0, False)
     assert widen_after_breakaway((channel,), record, driven, np.zeros(1))[0] is channel
     widened = widen_after_breakaway((channel,), record, rig, np.zeros(1))[0]
-    assert widened.offset_sigma.max() < RPM_PER_RAD_S * 5.0
+    assert widened.shared.loadings.max() < RPM_PER_RAD_S * 5.0  # sigma of the samples is 1 rpm

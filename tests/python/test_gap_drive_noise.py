@@ -2,6 +2,8 @@
 logger rounded did not.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,9 +75,27 @@ def test_a_winding_follows_a_constant_and_half_of_one_rows_error() -> None:
 
 def test_uncertainty_grows_only_where_the_command_changes() -> None:
     stairs = np.where(TIME_S < 3.0, 0.2, WAVE)
-    speed, current = input_sigma(tool(), MeasuredInput(TIME_S, stairs))
+    speed, current, _ = input_sigma(tool(), MeasuredInput(TIME_S, stairs))
     still, moving = TIME_S < 2.9, TIME_S > 3.1
     assert (
         current[moving].min() > 10.0 * max(current[still].max(), 1e-9)
         and speed[moving].min() > speed[still].max()
     )
+
+
+def test_the_angles_uncertainty_is_that_of_speeds_that_err_together() -> None:
+    """A motor driven by many noisy currents, restarted every 0.2 s: the scatter of its angle."""
+    rig = tool()
+    rig = replace(rig, input={"kind": "current_a"}, sensors=rig.sensors | {"current_noise_a": 0.5})
+    step_s, rows, restart_s = 1e-3, 3000, 0.2
+    time_s = step_s * np.arange(1, rows + 1)
+    given = MeasuredInput(time_s, np.zeros(rows), bridge_closed=np.zeros(rows, bool))
+    _, _, angle = input_sigma(rig, given, restart_s)
+    rng = np.random.default_rng(5)
+    torque = rig.motor["torque_constant_nm_per_a"] * 0.5 * rng.standard_normal((400, rows))
+    keep = np.exp(-step_s / restart_s)
+    speed = turned = np.zeros(400)
+    for k in range(rows):
+        turned = keep * (turned + step_s * speed)
+        speed = keep * speed + step_s * torque[:, k] / rig.shaft_inertia_kg_m2
+    assert angle[-1] == pytest.approx(turned.std(), rel=0.12)

@@ -113,7 +113,7 @@ def test_intervals_cover_the_true_value() -> None:
         engine, best = fit_of(toy, "coulomb_friction")
         cluster = (toy.time_s / 0.05).astype(int)
         spread = (
-            np.sqrt(sandwich_covariance(best, engine.train, cluster)[0, 0])
+            np.sqrt(sandwich_covariance(best, engine.train, cluster).total[0, 0])
             * best.hypothesis.coordinates[0].factors[0]
         )
         inside += abs(value(toy, best, TORQUE) - 0.004) < 1.96 * spread
@@ -197,7 +197,7 @@ def test_intervals_are_wider_where_folds_disagree() -> None:
     engine = Engine(toy, SCALES, {})
     one = engine.fit(engine.hypotheses([BY_ID["coulomb_friction"]]))[0]
     short = np.unique(np.floor(toy.time_s / 0.05), return_inverse=True)[1]
-    of_noise = 1.96 * np.sqrt(np.diag(sandwich_covariance(one, engine.train, short)))
+    of_noise = 1.96 * np.sqrt(np.diag(sandwich_covariance(one, engine.train, short).total))
     assert np.all(interval_half_widths(engine, one, [short]) >= of_noise)
     # blocks of every fourth number in which the effect has another size
     disturbed = one.residual + 3.0 * one.jacobian[:, 0] * np.where(
@@ -287,6 +287,20 @@ def test_too_few_clusters_exclude_nothing() -> None:
     columns = np.random.default_rng(1).standard_normal((40, 2))
     engine, one, clusters = linear_fit(columns, np.array([50.0, 50.0]), 1)
     assert not region_excludes_zero(engine, one, clusters, [0, 1])
+
+
+def test_a_stated_prior_needs_no_degrees_of_freedom() -> None:
+    """Two numbers of which the rows determine the sum, one with a prior: the prior of the second
+    makes the uncertainty of the first, of which the scatter over two clusters says nothing.
+    """
+    columns = np.ones((40, 2)) * np.array([1.0, 5.0])
+    engine, one, clusters = linear_fit(columns[:, :1], np.array([30.0]), 1)
+    one.jacobian, one.x = columns, np.array([30.0, 0.0])
+    one.hypothesis.prior = np.array([0.0, 1.0])
+    covariance = sandwich_covariance(one, engine.train, clusters[0])
+    assert covariance.freedom == 1 and covariance.freedom_of([0]) > 1e3
+    assert interval_half_widths(engine, one, clusters)[0] == pytest.approx(1.96 * 5.0, rel=0.02)
+    assert region_excludes_zero(engine, one, clusters, [0])
 
 
 @pytest.mark.parametrize(("spread", "known"), [(0.0, True), (0.1, True), (0.5, False)])

@@ -77,7 +77,8 @@ def servo_log(
         PENDULUM["mass_kg"] * 9.81 * PENDULUM["length_m"],
     )
     inertia += PENDULUM["mass_kg"] * PENDULUM["length_m"] ** 2
-    angle = speed = bristle = 0.0
+    angle = speed = bristle = current = 0.0
+    kept = np.exp(-STEP_S * ohm / MOTOR["inductance_h"])  # share of a step's error of the current
     voltage, position = np.zeros(rows), np.zeros(rows)
     for row in range(rows):
         read = round(angle / lsb) * lsb
@@ -96,11 +97,9 @@ def servo_log(
                 * np.exp(-min(50.0, (speed / BRISTLE_RAD_S) ** 2))
             )
             friction_nm = BRISTLE * bristle + bending + damping * speed
-            speed += (
-                STEP_S
-                * (nm_per_a * (voltage[row] - nm_per_a * speed) / ohm - friction_nm - hanging_nm)
-                / inertia
-            )
+            steady = (voltage[row] - nm_per_a * speed) / ohm
+            current = steady + kept * (current - steady)
+            speed += STEP_S * (nm_per_a * current - friction_nm - hanging_nm) / inertia
             angle += STEP_S * speed
         position[row] = round(angle / lsb) * lsb
     return MadeLog(ROW_S * np.arange(1, rows + 1), {"voltage_v": voltage, "position_rad": position})

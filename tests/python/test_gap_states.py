@@ -14,7 +14,7 @@ from vgroove.gap.cleaning.sensor_noise import (
     position_noise_sigma,
 )
 from vgroove.gap.residual.local_polynomial import KnownForce, Observations, local_fit, shrunk
-from vgroove.gap.residual.restarts import Restarts
+from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
 from vgroove.gap.residual.sensors import DELAY, FILTER, MEAN, SensorErrors
 from vgroove.rig import read_rig
 
@@ -197,3 +197,34 @@ def test_a_clipped_current_is_replaced_by_the_current_that_the_motion_needs() ->
     states = found.states(SensorErrors(none + 1.0, none, none, np.full(4, FILTER), sets, limit_a))
     assert states[:, 0, 0] == pytest.approx([-5.0, -30.0, -30.0, -5.0])
     assert np.all(states[:, 0, 1] == 100.0)
+
+
+def speeds_of(time_s: np.ndarray, speed: np.ndarray, sigma: float) -> StateObserver:
+    """Observer of a speed column alone."""
+    seen = Observations(time_s, time_s, speed, np.full(len(speed), sigma), interval_s=0.01)
+    return StateObserver(seen, None, lambda _: 0.0, lambda *_: 0.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "first"),
+    [
+        (np.array([0.0, 24.0, 85.0, 130.0]), 0.0),  # a hard start from rest
+        (np.array([1.0, 2.1, 2.9, 4.0]), 0.0),  # one that the noise hides
+        (np.array([50.0, 51.0, 50.5, 51.5]), 50.0),
+        (np.array([-90.0, -80.0, -71.0, -59.0]), -90.0),
+    ],
+)
+def test_a_log_begins_in_motion_where_the_line_through_its_first_speeds_says_so(
+    speed: np.ndarray, first: float
+) -> None:
+    time_s = 0.01 * np.arange(40)
+    speed = np.append(speed, np.full(36, speed[-1]))
+    found = find_restarts(speeds_of(time_s, speed, 10.0), time_s, 0.2)
+    assert found.measured[0, 1] == pytest.approx(first, abs=1.0)
+    assert (found.speed_sigma[0] > 5.0) == (first != 0.0)
+
+
+def test_of_equally_certain_instants_the_nearest_to_the_regular_one_is_taken() -> None:
+    time_s = 0.01 * np.arange(120)
+    found = find_restarts(speeds_of(time_s, np.zeros(120), 1.0), time_s, 0.2)
+    assert found.rows.tolist() == [0, 20, 40, 60, 80, 100]

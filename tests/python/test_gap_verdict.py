@@ -1054,14 +1054,19 @@ def test_where_the_noise_is_known_a_gap_must_be_visible_in_a_column(
 
 
 @pytest.mark.parametrize(
-    ("is_bound", "stated", "known"),
-    [(False, {"current_noise_a": 0.1}, [True, False]), (True, {}, [True, True])],
+    ("is_bound", "stated", "is_rounding", "known"),
+    [
+        (False, {"current_noise_a": 0.1}, False, [True, False]),
+        (False, {}, True, [False, True]),
+        (True, {}, False, [True, True]),
+    ],
 )
 def test_the_noise_of_a_column_is_known_where_the_rig_states_it_or_it_is_a_bound(
-    is_bound: bool, stated: dict[str, float], known: list[bool]
+    is_bound: bool, stated: dict[str, float], is_rounding: bool, known: list[bool]
 ) -> None:
     rig = SimpleNamespace(sensors=stated)
-    problem = SimpleNamespace(sigma_is_bound=is_bound, rig=rig)
+    angle = SimpleNamespace(column="position_rad", noise_is_known=is_rounding)
+    problem = SimpleNamespace(sigma_is_bound=is_bound, rig=rig, signals=(angle,))
     state = SimpleNamespace(problem=problem, columns=["current_a", "position_rad"])
     assert search_state.Search.noise_is_known.fget(state).tolist() == known
 

@@ -29,6 +29,7 @@ NOISE_KEYS = {
 }
 LSB_KEYS = {"current_a": "current_lsb_a", "supply_v": "", "speed_rpm": "speed_lsb_rpm"}
 # smallest standard deviation of each column, in its unit: a noiseless log must not divide by zero
+UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in standard deviations
 MIN_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}
 
 
@@ -163,7 +164,7 @@ def position_noise(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> SensorNo
     """Noise, rad, of the samples (n,) of an angle at times (n,), s: the log's scatter, at least its
     quantisation.
     """
-    rounding = rig.sensors.get("position_lsb_rad", resolution_of(values)) / np.sqrt(12.0)
+    rounding = rig.sensors.get("position_lsb_rad", resolution_of(values)) / UNIFORM_WIDTH_SIGMAS
     scatter = position_noise_sigma(time_s, values)
     sigma = float(np.nanmax([scatter, rounding, MIN_SIGMA["position_rad"]]))
     return SensorNoise(sigma, scatter >= sigma)
@@ -173,7 +174,7 @@ def column_noise(rig: Rig, column: str, values: np.ndarray) -> SensorNoise:
     """Noise of the samples (n,) of current_a, supply_v or speed_rpm, in its unit: stated noise and
     quantisation, or the log's scatter where the rig states no noise.
     """
-    rounding = rig.sensors.get(LSB_KEYS[column], resolution_of(values)) / np.sqrt(12.0)
+    rounding = rig.sensors.get(LSB_KEYS[column], resolution_of(values)) / UNIFORM_WIDTH_SIGMAS
     stated = rig.sensors.get(NOISE_KEYS[column])
     if stated is not None:
         return SensorNoise(float(max(np.hypot(stated, rounding), MIN_SIGMA[column])), True)

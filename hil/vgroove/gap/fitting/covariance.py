@@ -2,10 +2,12 @@
 jackknife over folds.
 
 Sources: White, Econometrica 48 (1980) 817 (sandwich); Liang and Zeger, Biometrika 73 (1986) 13
-(clusters); Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11 (jackknife).
+(clusters); Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11 (jackknife);
+Satterthwaite, Biometrics Bulletin 2 (1946) 110 (degrees of freedom of a sum of variances).
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import f as f_distribution
@@ -17,11 +19,45 @@ from vgroove.gap.residual.huber import huber_weight
 
 UPPER_QUANTILE = 0.975  # of a two-sided 95 % interval
 MIN_JACKKNIFE_FOLDS = 3  # fewer estimates say nothing about their scatter
+# limits of a share and of degrees of freedom that keep a quantile of Student's t finite
+MIN_SHARE, MAX_FREEDOM = 1e-6, 1e6
 
 
-def sandwich_covariance(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    """Sandwich covariance (p, p) of the fitted numbers from the rows of a mask (n,); the rows of
-    one cluster (n,) may be correlated in any way.
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance (p, p) of fitted numbers. scattered: the part that is estimated from a scatter,
+    with so many degrees of freedom; known: that of the stated priors of the nuisance parameters.
+    """
+
+    scattered: np.ndarray
+    known: np.ndarray
+    freedom: int
+
+    @property
+    def total(self) -> np.ndarray:
+        """Covariance (p, p) of the numbers."""
+        return self.scattered + self.known
+
+    @property
+    def half_widths(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the numbers."""
+        freedom = np.array([self.freedom_of([k]) for k in range(len(self.total))])
+        return np.sqrt(np.maximum(np.diag(self.total), 0.0)) * t.ppf(UPPER_QUANTILE, freedom)
+
+    def freedom_of(self, places: Sequence[int]) -> float:
+        """Effective degrees of freedom of the covariance of the numbers at these places, by Welch
+        and Satterthwaite: the known part is certain.
+        """
+        at = np.ix_(places, places)
+        total, scattered = self.total[at], self.scattered[at]
+        rank = max(1, int(np.linalg.matrix_rank(total)))
+        share = float(np.trace(np.linalg.pinv(total) @ scattered)) / rank
+        return min(self.freedom / max(share, MIN_SHARE) ** 2, MAX_FREEDOM)
+
+
+def sandwich_covariance(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> Covariance:
+    """Sandwich covariance of the fitted numbers from the rows of a mask (n,); the rows of one
+    cluster (n,) may be correlated in any way.
     """
     weighted = one.jacobian * (huber_weight(one.residual, one.delta) * mask)[:, None]
     prior = np.diag(one.hypothesis.prior)
@@ -30,9 +66,10 @@ def sandwich_covariance(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.n
     sums = np.stack(
         [np.bincount(cluster, weights=score[:, j]) for j in range(score.shape[1])], axis=1
     )
-    groups = max(2, len(np.unique(cluster[mask])))
-    meat = sums.T @ sums * groups / (groups - 1) + prior
-    return bread @ meat @ bread
+    count = len(np.unique(cluster[mask]))
+    groups = max(2, count)
+    meat = sums.T @ sums * groups / (groups - 1)
+    return Covariance(bread @ meat @ bread, bread @ prior @ bread, max(1, count - 1))
 
 
 def interval_half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray]) -> np.ndarray:
@@ -43,10 +80,7 @@ def interval_half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray
     errs in the same direction over whole strokes. The scatter over long clusters and between folds
     includes that. Both use Student's t for their few degrees of freedom.
     """
-    widths = [
-        np.sqrt(np.maximum(np.diag(covariance), 0.0)) * t.ppf(UPPER_QUANTILE, freedom)
-        for covariance, freedom in _covariances(engine, one, clusters)
-    ]
+    widths = [covariance.half_widths for covariance in _covariances(engine, one, clusters)]
     return np.max([np.zeros(len(one.x)), *widths], axis=0)
 
 
@@ -64,27 +98,23 @@ def region_excludes_zero(
     covariances = _covariances(engine, one, clusters)
     return any(
         all(
-            _t_squared(one.x[list(group)], covariance[np.ix_(group, group)])
-            > _hotelling_quantile(len(group), freedom)
-            for covariance, freedom in covariances
+            _t_squared(one.x[list(group)], covariance.total[np.ix_(group, group)])
+            > _hotelling_quantile(len(group), covariance.freedom_of(group))
+            for covariance in covariances
         )
         for group in groups
     )
 
 
-def _covariances(
-    engine: Engine, one: Fit, clusters: Sequence[np.ndarray]
-) -> list[tuple[np.ndarray, int]]:
-    """Covariances (p, p) of the fitted numbers with their degrees of freedom: the sandwich over
-    each clustering (n,) of the rows, and the jackknife where there are folds enough.
+def _covariances(engine: Engine, one: Fit, clusters: Sequence[np.ndarray]) -> list[Covariance]:
+    """Covariances of the fitted numbers: the sandwich over each clustering (n,) of the rows, and
+    the jackknife where there are folds enough.
     """
-    found = [
-        (sandwich_covariance(one, engine.train, cluster), _freedom(engine.train, cluster))
-        for cluster in clusters
-    ]
+    found = [sandwich_covariance(one, engine.train, cluster) for cluster in clusters]
     steps = engine.steps_without(one)
     if len(steps) >= MIN_JACKKNIFE_FOLDS:
-        found.append((_jackknife_covariance(steps), len(steps) - 1))
+        scattered = _jackknife_covariance(steps)
+        found.append(Covariance(scattered, np.zeros_like(scattered), len(steps) - 1))
     return found
 
 
@@ -97,7 +127,7 @@ def _t_squared(x: np.ndarray, covariance: np.ndarray) -> float:
     return float(np.sum((directions.T @ x) ** 2 / np.maximum(variance, least)))
 
 
-def _hotelling_quantile(dimension: int, freedom: int) -> float:
+def _hotelling_quantile(dimension: int, freedom: float) -> float:
     """95 % quantile of T^2; infinite where the covariance has too few degrees of freedom."""
     rest = freedom - dimension + 1
     if rest < 1:
@@ -116,11 +146,6 @@ def white_noise_half_widths(engine: Engine, one: Fit) -> np.ndarray:
     with np.errstate(divide="ignore"):
         variance = (vectors**2 / np.maximum(values, 0.0)).sum(axis=1)
     return norm.ppf(UPPER_QUANTILE) * np.sqrt(variance)
-
-
-def _freedom(mask: np.ndarray, cluster: np.ndarray) -> int:
-    """Degrees of freedom of a covariance over the clusters (n,) of the rows of a mask (n,)."""
-    return max(1, len(np.unique(cluster[mask])) - 1)
 
 
 def _jackknife_covariance(steps: np.ndarray) -> np.ndarray:

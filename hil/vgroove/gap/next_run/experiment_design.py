@@ -21,7 +21,8 @@ MAX_RIVALS = 3  # tied sets that a run must separate from the best set; bounds t
 MAX_DIFFERENCE = 100.0  # sigma; differences of a sample are clipped here
 MAX_SLOPE = 1e6  # sigma per scaled parameter; derivatives are clipped here
 PRECISION = 1e-10  # relative: smaller singular values of the information matrix count as 0
-# judged column -> simulated quantity and its factor; an angle is judged through its derivative
+# judged column -> simulated quantity and its factor; an angle is judged through its derivative, a
+# coarse one in rad
 SIMULATED = {
     "current_a": ("current_a", 1.0),
     "supply_v": ("supply_v", 1.0),
@@ -219,7 +220,17 @@ def predictions(problem: Problem, profile: RunProfile, theta: np.ndarray) -> np.
     for s in (s for s in problem.signals if s.column in SIMULATED):
         name, factor = SIMULATED[s.column]
         shown = rows[name] * factor
-        parts.append(
-            (np.gradient(shown, time_s, axis=1) if s.unit == "rad/s^2" else shown) / s.sigma
-        )
+        if s.unit == "rad/s^2":
+            shown = np.gradient(shown, time_s, axis=1)
+        elif s.unit == "rad":
+            shown = angle_gained(rows["angle_measured_rad"], time_s, problem.restart_s)
+        parts.append(shown / s.sigma)
     return np.hstack(parts)
+
+
+def angle_gained(angle: np.ndarray, time_s: np.ndarray, restart_s: float) -> np.ndarray:
+    """Change of angles (B, rows) over the time restart_s before each row, at most from the start
+    on: a model that restarts so often is compared with it.
+    """
+    since = np.searchsorted(time_s, time_s - restart_s)
+    return angle - angle[:, since]

@@ -13,6 +13,7 @@ import numpy as np
 
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.restarts import Observations
+from vgroove.gap.residual.shared_errors import SharedErrors
 from vgroove.rig import Rig
 from vgroove.units import RPM_PER_RAD_S
 
@@ -104,5 +105,5 @@ def _with_offsets(
         return channel
     group = np.searchsorted(instants, channel.time_s, side="right") - 1
     affected = (group >= 0) & (channel.time_s < until[group]) & ~channel.censored
-    offset_sigma = np.where(affected, factor * sigma_rad_s[group], 0.0)
-    return replace(channel, offset_group=group, offset_sigma=offset_sigma)
+    size = np.where(affected, factor * sigma_rad_s[group], 0.0) / channel.sigma
+    return replace(channel, shared=SharedErrors(group, size[:, None]))

@@ -154,13 +154,15 @@ def _speed(log: CleanLog, edges: EdgePeriods | None) -> Channel | None:
 
 
 def widen_by_input(
-    channels: list[Channel], time_s: np.ndarray, input_sigma: tuple[np.ndarray, np.ndarray]
+    channels: list[Channel],
+    time_s: np.ndarray,
+    input_sigma: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> list[Channel]:
-    """Channels with the standard deviations (rows,) of speed in rad/s and current in A that come
-    from the input's errors added to their own.
+    """Channels whose standard deviations contain those (rows,) of speed in rad/s, current in A and
+    angle in rad that come from the input's errors.
     """
-    speed, current = input_sigma
-    by_unit = {"A": current, "rpm": speed * RPM_PER_RAD_S, "rad/s": speed}
+    speed, current, angle = input_sigma
+    by_unit = {"A": current, "rpm": speed * RPM_PER_RAD_S, "rad/s": speed, "rad": angle}
     return [
         replace(c, sigma=np.hypot(c.sigma, np.interp(c.time_s, time_s, by_unit[c.unit])))
         if c.unit in by_unit

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.sensors import SensorErrors
+from vgroove.gap.residual.shared_errors import SharedErrors
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
 # (B, rows): angle and speed as an encoder would measure them, besides the speed sensor's
@@ -90,10 +91,8 @@ class Channel:
     edges: bool = False  # made from Hall edges
     magnitude: bool = False  # compared by magnitude
     note: str = ""
-    # (m,) number, in order of time, of the group of samples that share one unknown offset, and the
-    # standard deviation of that offset in the unit (0: none); see breakaway.py
-    offset_group: np.ndarray | None = None
-    offset_sigma: np.ndarray | None = None
+    shared: SharedErrors | None = None
+    noise_is_known: bool = False  # sigma is that of a resolution which the rig states
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -114,27 +113,24 @@ class Channel:
 
     def compared(self, simulation: Simulation) -> np.ndarray:
         """What the measurement is compared with (B, m): the model plus that part of the shared
-        offsets whose removal leaves the residuals uncorrelated.
+        errors whose removal leaves the residuals uncorrelated.
         """
         model = self.model(simulation)
-        return model if self.offset_sigma is None else model + self._offset(self.measured - model)
+        return model if self.shared is None else model + self._shared(self.measured - model)
 
-    def _offset(self, error: np.ndarray) -> np.ndarray:
-        """Part (B, m) of the errors (B, m) that is attributed to the shared offsets (whitening):
-        with s = offset_sigma / sigma and residuals r of covariance 1 + s s', r - s k (s'r) has
-        covariance 1 for k = (1 - 1 / sqrt(1 + s's)) / s's.
-        """
-        first = np.flatnonzero(np.diff(self.offset_group, prepend=self.offset_group[0] - 1))
-        share = self.offset_sigma / self.sigma**2
-        power = np.add.reduceat(self.offset_sigma * share, first)
-        projected = np.add.reduceat(error * share, first, axis=1)
-        divisor = np.where(power > 0.0, power, 1.0)
-        weight = np.where(power > 0.0, (1.0 - 1.0 / np.sqrt(1.0 + power)) / divisor, 0.0)
-        length = np.diff(np.append(first, len(self.offset_group)))
-        return self.offset_sigma * np.repeat(weight * projected, length, axis=1)
+    @cached_property
+    def _whitening(self) -> tuple[csr_array, csr_array]:
+        return self.shared.projections()
+
+    def _shared(self, error: np.ndarray) -> np.ndarray:
+        """Part (B, m) of the errors (B, m) that is attributed to the shared errors."""
+        onto, back = self._whitening
+        return (back @ (onto @ (error / self.sigma).T)).T * self.sigma
 
 
 def _selected(value: Any, keep: np.ndarray) -> Any:
+    if isinstance(value, SharedErrors):
+        return value.select(keep)
     if isinstance(value, tuple):
         return tuple(_selected(item, keep) for item in value)
     return value[keep] if isinstance(value, np.ndarray | InterpolationPoints) else value
@@ -229,6 +225,16 @@ class SpanChannel(Channel):
         measured = self.measured[self.bounds]
         excess = np.abs(mean) - np.abs(measured)
         return np.where(drops | (excess <= 0.0), measured, measured + excess)
+
+
+@dataclass(frozen=True)
+class AngleChannel(Channel):
+    """The angle of an encoder at instants."""
+
+    points: InterpolationPoints | None = None
+
+    def model(self, simulation: Simulation) -> np.ndarray:
+        return self.points.angle(simulation, ENCODER)
 
 
 @dataclass(frozen=True)

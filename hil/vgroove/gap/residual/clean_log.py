@@ -19,7 +19,8 @@ from vgroove.rig import Rig
 @dataclass(frozen=True)
 class CleanLog:
     """Times (rows,) in s and columns (rows,), nan where a sample is missing; noise: that of each
-    measured column; warnings collects sentences for the user while the log is prepared.
+    measured column; warnings collects sentences for the user while the log is prepared;
+    compares_angle: whether the angle of an encoder itself is compared (angle_comparison.py).
     """
 
     log: Any
@@ -29,6 +30,7 @@ class CleanLog:
     noise: Mapping[str, SensorNoise]
     source: str
     warnings: list[str]
+    compares_angle: bool = False
 
     @property
     def kind(self) -> str:

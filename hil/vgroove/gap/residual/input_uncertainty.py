@@ -12,6 +12,7 @@ from vgroove.gap.cleaning.denoised_command import DenoisedCommand
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import (
     FILTER_ROWS,
+    UNIFORM_WIDTH_SIGMAS,
     column_sigma,
     decimal_resolution,
     high_pass_residual,
@@ -19,8 +20,6 @@ from vgroove.gap.cleaning.sensor_noise import (
     resolution_of,
 )
 from vgroove.rig import Rig
-
-UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in standard deviations
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,9 @@ class MeasuredInput:
 
 def input_sigma(
     rig: Rig, given: MeasuredInput, restart_s: float = np.inf
-) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations (rows,) of speed in rad/s and current in A from errors of the input.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Standard deviations (rows,) of speed in rad/s, current in A and angle in rad from errors of
+    the input.
 
     The errors: of a ramp the resolution of its column or less (ramp_sigma()), of a load step its
     instant within a row, of a measured current or voltage its noise, of a constant command its last
@@ -74,10 +74,16 @@ def input_sigma(
         current, torque = np.hypot(current, noise_current), np.hypot(torque, noise_torque)
     if given.load_nm is not None:
         torque = np.hypot(torque, _load_errors(rig, given.load_nm))
-    variance = _accumulated((torque * dt / rig.shaft_inertia_kg_m2) ** 2, np.exp(-2.0 * decay * dt))
+    impulse = (torque * dt / rig.shaft_inertia_kg_m2) ** 2
+    variance, angle = _accumulated(impulse, np.exp(-decay * dt), dt, np.exp(-dt / restart_s))
     amps_per_rad_s = rig.motor["torque_constant_nm_per_a"] / rig.motor["resistance_ohm"]
-    speed = np.hypot(np.sqrt(variance), _constant_command_error(rig, given.command))
-    return speed, np.sqrt(current**2 + variance * amps_per_rad_s**2)
+    constant = _constant_command_error(rig, given.command)
+    lasts = min(restart_s, float(np.ptp(given.time_s)))
+    return (
+        np.hypot(np.sqrt(variance), constant),
+        np.sqrt(current**2 + variance * amps_per_rad_s**2),
+        np.hypot(np.sqrt(angle), constant * lasts),
+    )
 
 
 def _speed_decay(rig: Rig, closed: np.ndarray | bool) -> np.ndarray | float:
@@ -134,15 +140,23 @@ def _load_errors(rig: Rig, load_nm: np.ndarray) -> np.ndarray:
     )
 
 
-def _accumulated(impulse: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Variance (rows,) of a first-order process: impulse (rows,) is the variance that each row
-    adds, kept (rows,) the share of the variance before that remains.
+def _accumulated(
+    impulse: np.ndarray, kept: np.ndarray, dt: np.ndarray, angle_kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variances (rows,) of the speed of a first-order process and of its integral, the angle:
+    impulse (rows,) is the variance of the speed that each row adds, kept and angle_kept (rows,) the
+    shares of speed and angle before that remain.
     """
-    variance = np.empty(len(impulse))
-    last = 0.0
-    for i in range(len(impulse)):
-        last = variance[i] = last * kept[i] + impulse[i]
-    return variance
+    speed, angle = np.empty(len(impulse)), np.empty(len(impulse))
+    v = c = a = 0.0
+    for i, (added, k, step, k_angle) in enumerate(
+        zip(impulse.tolist(), kept.tolist(), dt.tolist(), angle_kept.tolist(), strict=True)
+    ):
+        a = (a + 2.0 * step * c + step**2 * v) * k_angle**2
+        c = (c + step * v) * k * k_angle
+        v = v * k**2 + added
+        speed[i], angle[i] = v, a
+    return speed, angle
 
 
 def _constant_command_error(rig: Rig, command: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from vgroove.gap.catalogue import LOADS_BEHIND
 from vgroove.gap.cleaning.long_logs import reduce_long_logs
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, clip_sigmas
 from vgroove.gap.residual.angle_alignment import align_angles
+from vgroove.gap.residual.angle_comparison import with_angle_comparison
 from vgroove.gap.residual.blocks import FoldBlocks
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.clean_log import clean_log, with_common_noise
@@ -53,7 +54,7 @@ def load_problem(
     if rig.mechanism["kind"] == "impact":
         return with_clip(load_impact_problem(logs, rig, threads, joints), {})
     logs = reduce_long_logs(logs, rig)
-    cleaned = with_common_noise([clean_log(log, rig) for log in logs])
+    cleaned = with_angle_comparison(with_common_noise([clean_log(log, rig) for log in logs]))
     runs = tuple(prepare_run(log, restart_s) for log in cleaned)
     longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
     problem = join_runs(rig, runs, longest_s, threads)
@@ -187,4 +188,5 @@ def _signal_info(column: str, parts: list[_Part]) -> SignalInfo:
         any(c.edges for c in channels),
         any(c.magnitude for c in channels),
         "; ".join(dict.fromkeys(c.note for c in channels if c.note)),
+        all(c.noise_is_known for c in channels),
     )

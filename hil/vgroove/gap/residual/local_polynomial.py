@@ -144,7 +144,8 @@ class LocalFit:
     """A signal at an instant: value, first and second derivative (slope, curvature). sigmas: the
     standard deviation of the value, lack of fit included, and slope_penalty, both in sigmas of the
     sensor. adequate: whether the residuals of the quadratic are no more than noise. smoothing: what
-    the value was computed from. slope_sigma: standard deviation of the slope, lack of fit included.
+    the value was computed from. value_sigma, slope_sigma: standard deviations of value and slope,
+    lack of fit included.
     """
 
     value: float
@@ -154,6 +155,7 @@ class LocalFit:
     slope_penalty: float
     adequate: bool = True
     slope_sigma: float = np.inf
+    value_sigma: float = np.inf
     smoothing: Smoothing = field(default=NOT_SMOOTHED, compare=False)
 
 
@@ -228,6 +230,7 @@ def quadratic(
         steepness * LOCAL_FIT.slope_penalty_s / one,
         left < 1.0 + LOCAL_FIT.max_lack_of_fit * np.sqrt(2.0 / freedom),
         float(sigmas[1]) / scale,
+        float(sigmas[0]),
         Smoothing(start, end, weight),
     )
 

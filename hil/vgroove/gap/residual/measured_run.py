@@ -35,6 +35,7 @@ from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.input_uncertainty import input_sigma
 from vgroove.gap.residual.inputs import DrivingColumns, read_input
 from vgroove.gap.residual.regimes import regimes_of
+from vgroove.gap.residual.restart_errors import share_restart_errors
 from vgroove.gap.residual.restarts import Restarts, restart_interval_s
 from vgroove.gap.residual.state_observer import make_state_observer, rough_speed
 from vgroove.units import TURN_RAD
@@ -85,6 +86,7 @@ def prepare_run(clean: CleanLog, restart_s: float) -> MeasuredRun:
         observer = align_count_to_rest(observer, edges, time_s, motion)
     restarts, holes = find_restarts_and_holes(clean, observer, restart_s, moving)
     known = _known_channels(clean, channels, restarts, holes)
+    known = share_restart_errors(known, plant, rig, restarts)
     record = SpeedRecord(observer.speed, time_s[0], moving)
     speed = rough_speed(time_s, observer)
     regime, regimes = regimes_of(time_s, speed, drive.measured.command)

@@ -1,5 +1,5 @@
-"""Channels of an encoder: mean speeds over spans of rows, or, where the input is a current or a
-force, accelerations.
+"""Channels of an encoder: mean speeds over spans of rows, or accelerations where the input is a
+current or a force; the angle itself where its noise hides both.
 """
 
 from dataclasses import dataclass, replace
@@ -7,8 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove.gap.cleaning.sensor_noise import divided_differences
+from vgroove.gap.residual.angle_comparison import (
+    angle_step_rad,
+    input_acceleration_sigma,
+    is_visible,
+)
 from vgroove.gap.residual.channels import (
     ENCODER,
+    AngleChannel,
     Channel,
     ChannelInfo,
     ForceChannel,
@@ -18,6 +24,7 @@ from vgroove.gap.residual.channels import (
     span_channel,
 )
 from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.coarse_angle import angle_samples
 
 
 @dataclass(frozen=True)
@@ -28,9 +35,6 @@ class DifferenceRules:
 
     min_force_rows: int = 2  # of a second difference
     max_span_s: float = 0.05  # longest span of a second difference
-    # the number of rows is doubled until the standard deviation of the second difference exceeds
-    # this multiple of the noise: the acceleration is then visible
-    bend_sigmas: float = 4.0
     min_spans: int = 6  # spans that the log must hold
     max_gap_spans: int = 5  # longest span with missing samples, in usual spans
     even_share: float = 1e-3  # by which the two halves of a second difference may differ
@@ -40,12 +44,14 @@ DIFFERENCES = DifferenceRules()
 
 
 def position_channel(log: CleanLog) -> Channel:
-    """The encoder's channel: the acceleration where the input is a current or force, otherwise the
-    mean speed.
+    """The encoder's channel: the angle itself, the acceleration where the input is a current or
+    force, otherwise the mean speed.
     """
     position = log.columns["position_rad"]
     sigma = log.noise["position_rad"].sigma
     known = np.flatnonzero(np.isfinite(position))
+    if log.compares_angle:
+        return _angle_channel(log, known, sigma)
     if log.kind == "current_a":
         return _force_channel(log, known, sigma)
     return _speed_channel(log, known, sigma)
@@ -66,12 +72,30 @@ def _speed_channel(log: CleanLog, known: np.ndarray, sigma: float) -> Channel:
     return replace(channel, sensor=ENCODER)
 
 
+def _angle_channel(log: CleanLog, known: np.ndarray, sigma: float) -> AngleChannel:
+    position = log.columns["position_rad"][known]
+    seen = angle_samples(log.time_s[known], position, sigma, angle_step_rad(log))
+    points = InterpolationPoints.of(log.time_s, seen.time_s)
+    return AngleChannel(
+        "position_rad",
+        "rad",
+        points.row,
+        seen.time_s,
+        seen.angle_rad,
+        seen.sigma_rad,
+        np.zeros(len(seen.row), dtype=bool),
+        note="compared from restart to restart of the model",
+        noise_is_known="position_lsb_rad" in log.rig.sensors,
+        points=points,
+    )
+
+
 def _force_channel(log: CleanLog, known: np.ndarray, sigma: float) -> ForceChannel:
     time_s, position = log.time_s, log.columns["position_rad"]
     rows = _span_rows(time_s[known], position[known], sigma, DIFFERENCES.min_force_rows)
     first, middle, last = _even_triples(time_s, known, rows)
     length = 0.5 * (time_s[last] - time_s[first])
-    sigma_of_input = _input_acceleration_sigma(log) * np.sqrt(2.0 / 3.0 / rows)
+    sigma_of_input = input_acceleration_sigma(log) * np.sqrt(2.0 / 3.0 / rows)
     points = (InterpolationPoints.of(time_s, time_s[at]) for at in (first, middle, last))
     return ForceChannel(
         "position_rad",
@@ -99,16 +123,6 @@ def _even_triples(
     return first[even], middle[even], last[even]
 
 
-def _input_acceleration_sigma(log: CleanLog) -> float:
-    """Standard deviation of the acceleration in rad/s^2 from the noise of a measured current."""
-    rig = log.rig
-    return (
-        rig.motor["torque_constant_nm_per_a"]
-        * rig.sensors.get("current_noise_a", 0.0)
-        / rig.shaft_inertia_kg_m2
-    )
-
-
 def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: int) -> int:
     """Rows between the instants of a difference: `least`, doubled while the acceleration is hidden
     in the noise and the span is short enough.
@@ -117,7 +131,7 @@ def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: in
     while 2 * rows * step <= DIFFERENCES.max_span_s and DIFFERENCES.min_spans * rows < len(
         position
     ):
-        if divided_differences(time_s, position, 2, rows).std() > DIFFERENCES.bend_sigmas * sigma:
+        if is_visible(divided_differences(time_s, position, 2, rows), sigma):
             break
         rows *= 2
     return rows

@@ -54,7 +54,8 @@ Traces = dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
 @dataclass(frozen=True)
 class SignalInfo:
     """One judged column over all logs: unit, median sigma in that unit, whether it is made from
-    edges or compared by magnitude.
+    edges or compared by magnitude; noise_is_known: whether sigma is that of a resolution which the
+    rig states.
     """
 
     column: str
@@ -63,6 +64,7 @@ class SignalInfo:
     edges: bool
     magnitude: bool
     note: str
+    noise_is_known: bool = False
 
 
 @dataclass(frozen=True)

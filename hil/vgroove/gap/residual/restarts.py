@@ -42,24 +42,28 @@ class RestartRules:
     # share of the sensor's limit from which a current is taken as clipped: a soft limit deviates
     # before
     clipped_share: float = 0.9
-    # mean of a log's first observations, in sigmas, above which the log begins in motion
+    # value at a log's first row, on the line through its first observations, in its standard
+    # deviations, above which the log begins in motion
     start_sigmas: float = 3.0
 
 
 RESTART = RestartRules()
+EQUAL_SIGMAS = 1e-9  # a smaller difference of two uncertainties is rounding
 
 
 @dataclass(frozen=True)
 class State:
     """Measured [current_a, speed_rad_s, angle_rad] at an instant; motion_a: the current in A that
     the speed and acceleration there require by the torque balance (nan: unknown); rates (2, 2):
-    slope and curvature of current and speed; smoothing: what the speed was computed from.
+    slope and curvature of current and speed; smoothing: what the speed was computed from;
+    speed_sigma: standard deviation of the speed in rad/s.
     """
 
     value: np.ndarray
     motion_a: float = np.nan
     rates: np.ndarray = field(default_factory=lambda: np.zeros((2, 2)))
     smoothing: Smoothing = NOT_SMOOTHED
+    speed_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,7 @@ class StateObserver:
             current = local_fit(self.current, time_s)
         value = np.array([current.value, speed.value, self.angle_at(time_s)])
         rates = np.array([[current.slope, current.curvature], [speed.slope, speed.curvature]])
-        state = State(value, motion_a, rates, speed.smoothing)
+        state = State(value, motion_a, rates, speed.smoothing, speed.value_sigma)
         return state, max(speed.sigmas, current.sigmas), speed.slope_penalty
 
 
@@ -104,6 +108,7 @@ class Restarts:
     from_angle: bool = False  # the speeds are differences of a measured angle
     smoothing: tuple[Smoothing, ...] = ()  # what each speed was computed from
     motion_a: np.ndarray | float = np.nan  # (S,) currents that the motion requires, A
+    speed_sigma: np.ndarray | float = 0.0  # (S,) standard deviations of the speeds, rad/s
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -177,7 +182,8 @@ def find_restarts(
         first, last = rows[-1] + RESTART.min_rows, len(time_s) - RESTART.min_rows
         allowed = [row for row in candidates if first < row < last]
         allowed = allowed if thinned is None else [row for row in allowed if not thinned[row]]
-        best = _best_known(observer, time_s, allowed)
+        nearest_first = sorted(allowed, key=lambda row: abs(time_s[row] - centre))
+        best = _best_known(observer, time_s, nearest_first)
         if best is not None:
             rows.append(best[0])
             found.append(best[1])
@@ -187,13 +193,13 @@ def find_restarts(
 def _best_known(
     observer: StateObserver, time_s: np.ndarray, rows: Sequence[int]
 ) -> tuple[int, State] | None:
-    """Row and state of the smallest sum of uncertainty and slope penalty; None where every
-    uncertainty exceeds LOCAL_FIT.max_sigmas.
+    """Row and state of the smallest sum of uncertainty and slope penalty, of equal ones the first;
+    None where every uncertainty exceeds LOCAL_FIT.max_sigmas.
     """
     best, chosen = np.inf, None
     for row in rows:
         state, sigmas, slope_penalty = observer.state(float(time_s[row]))
-        if sigmas < LOCAL_FIT.max_sigmas and sigmas + slope_penalty < best:
+        if sigmas < LOCAL_FIT.max_sigmas and sigmas + slope_penalty < best - EQUAL_SIGMAS:
             best, chosen = sigmas + slope_penalty, (row, state)
     return chosen
 
@@ -208,6 +214,7 @@ def _as_restarts(rows: np.ndarray, states: list[State], from_angle: bool) -> Res
         from_angle,
         tuple(state.smoothing for state in states),
         np.array([state.motion_a for state in states]),
+        np.array([state.speed_sigma for state in states]),
     )
 
 
@@ -216,13 +223,15 @@ def _first_state(observer: StateObserver, time_s: np.ndarray) -> State:
     show motion.
     """
     state, count = np.array([0.0, 0.0, observer.angle_at(time_s[0])]), NEIGHBOURS[0]
+    sigma = np.zeros(2)
     for k, seen in enumerate((observer.current, observer.speed)):
         if seen is None or len(seen.value) < count:
             continue
         if seen.end_s[0] > time_s[0] + seen.max_distance_s:
             continue
-        middle = 0.5 * (seen.start_s + seen.end_s)[:count]
-        line = np.polyfit(middle - time_s[0], seen.value[:count], 1)
-        if abs(np.mean(seen.value[:count])) > RESTART.start_sigmas * seen.sigma[0]:
-            state[k] = line[1]
-    return State(state)
+        elapsed = 0.5 * (seen.start_s + seen.end_s)[:count] - time_s[0]
+        (_, value), covariance = np.polyfit(elapsed, seen.value[:count], 1, cov="unscaled")
+        uncertain = float(np.sqrt(covariance[1, 1])) * seen.sigma[0]
+        if abs(value) > RESTART.start_sigmas * uncertain:
+            state[k], sigma[k] = value, uncertain
+    return State(state, speed_sigma=float(sigma[1]))

@@ -12,7 +12,7 @@ from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_mis
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges
-from vgroove.gap.residual.channels import Channel
+from vgroove.gap.residual.channels import AngleChannel, Channel
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.local_polynomial import NEIGHBOURS, KnownForce, Observations, row_means
 from vgroove.gap.residual.restarts import StateObserver
@@ -51,7 +51,7 @@ def make_state_observer(
     speed, angle_at = _observed_speed(log, edges, by_column.get("speed_rpm"))
     from_angle = False
     if "position_rad" in by_column and (speed is None or _lasts(log, by_column["position_rad"])):
-        differences, angle_at = _from_position(log)
+        differences, angle_at = _from_position(log, by_column["position_rad"])
         from_angle = speed is None or typical_speed_sigma(
             differences
         ) / OBSERVER.angle_gain < typical_speed_sigma(speed)
@@ -122,20 +122,23 @@ def _from_edges(rig: Rig, edges: EdgePeriods, rest: float) -> tuple[Observations
     return seen, _interpolated(times, rest + TURN_RAD * np.concatenate([[0.0], turns]))
 
 
-def _from_position(log: CleanLog) -> tuple[Observations, AngleAt]:
+def _from_position(log: CleanLog, channel: Channel) -> tuple[Observations, AngleAt]:
     """Speeds as differences of a measured angle, and that angle."""
-    time_s, position = log.time_s, log.columns["position_rad"]
-    known = np.flatnonzero(np.isfinite(position))
-    sigma = log.noise["position_rad"].sigma
-    length = np.diff(time_s[known])
+    if isinstance(channel, AngleChannel):
+        time_s, position, sigma = channel.time_s, channel.measured, channel.sigma
+    else:
+        known = np.flatnonzero(np.isfinite(log.columns["position_rad"]))
+        time_s, position = log.time_s[known], log.columns["position_rad"][known]
+        sigma = np.full(len(known), log.noise["position_rad"].sigma)
+    length = np.diff(time_s)
     speed = Observations(
-        time_s[known[:-1]],
-        time_s[known[1:]],
-        np.diff(position[known]) / length,
-        np.sqrt(2.0) * sigma / length,
-        interval_s=logging_interval_s(time_s),
+        time_s[:-1],
+        time_s[1:],
+        np.diff(position) / length,
+        np.hypot(sigma[1:], sigma[:-1]) / length,
+        interval_s=logging_interval_s(log.time_s),
     )
-    return speed, _interpolated(time_s[known], position[known])
+    return speed, _interpolated(time_s, position)
 
 
 def _with_current_input(

@@ -222,7 +222,11 @@ class Search:
         """Whether each column's standard deviation (columns,) is stated by the rig, or is an upper
         bound. One that is estimated from the scatter of a log contains a gap that is as fast.
         """
-        stated = [NOISE_KEYS.get(name) in self.problem.rig.sensors for name in self.columns]
+        sensors, by_name = self.problem.rig.sensors, {s.column: s for s in self.problem.signals}
+        stated = [
+            NOISE_KEYS.get(name) in sensors or (name in by_name and by_name[name].noise_is_known)
+            for name in self.columns
+        ]
         return np.array(stated) | self.problem.sigma_is_bound
 
     def by_column(self, weights: np.ndarray) -> np.ndarray:

@@ -1,0 +1,251 @@
+"""An angle as the only sensor whose noise hides speeds and accelerations from row to row: what is
+compared, how precisely, and what is found with it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from made_log import MadeLog
+from vgroove import _core
+from vgroove.gap import diagnose
+from vgroove.gap.residual.coarse_angle import angle_samples
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
+from vgroove.gap.residual.restart_angles import RestartAngles
+from vgroove.gap.residual.shared_errors import SharedErrors
+from vgroove.rig import Rig, rig_from_dict
+from vgroove.units import RPM_PER_RAD_S
+
+VOLT, NM_PER_A, OHM, TIME_CONSTANT_S = 12.0, 0.6, 5.0, 0.03
+ROW_S, FINE = 0.003, 8
+STEP_RAD = 1.3 * VOLT / NM_PER_A * ROW_S  # of the sensor: at top speed it turns 0.8 steps a row
+LEVELS = ((0.1, 12.0), (0.42, -8.0), (0.71, 5.0), (0.98, 12.0), (1.31, -12.0))
+END_S = 1.6
+TOLERANCE = {
+    "motor.resistance_ohm": 0.2,
+    "motor.inertia_kg_m2": 0.3,
+    "motor.torque_constant_nm_per_a": 0.1,
+}
+
+
+def servo(effects: dict[str, dict[str, float]] | None = None, **motor: float) -> Rig:
+    """A geared motor with such a sensor, some values of the motor changed, with some effects."""
+    values = {
+        "resistance_ohm": OHM,
+        "inductance_h": 2e-4 * OHM,
+        "torque_constant_nm_per_a": NM_PER_A,
+        "inertia_kg_m2": TIME_CONSTANT_S * NM_PER_A**2 / OHM,
+        "viscous_nm_s_per_rad": 0.0,
+        "coulomb_nm": 0.0,
+    }
+    return rig_from_dict(
+        {
+            "schema": "vgroove.rig/1",
+            "input": {"kind": "voltage_v", "hold": "after"},
+            "motor": values | motor,
+            "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 0.0},
+            "mechanism": {"kind": "none"},
+            "load": {"kind": "none"},
+            "sensors": {"log_hz": 1.0 / ROW_S, "position_lsb_rad": STEP_RAD},
+            "tolerance": TOLERANCE,
+            "effects": effects or {},
+        },
+        "a servo",
+    )
+
+
+def servo_log(tool: Rig, first_rad: float = 0.3 * STEP_RAD) -> MadeLog:
+    """Log of a tool with rounded-down angles; first_rad: its angle at the start."""
+    fine_s = np.arange(round(END_S / ROW_S) * FINE + 1) * ROW_S / FINE
+    switched, levels = np.array(LEVELS).T
+    command = np.append(0.0, levels)[np.searchsorted(switched, fine_s[::FINE], side="right")]
+    driving = np.repeat(command, FINE)[: len(fine_s)]
+    drive = _core.LogInput(fine_s, "voltage_v", np.append(driving[:1], driving[:-1]))
+    start = np.array([0]), np.zeros((1, 3))
+    angle = _core.simulate_log(drive, tool.parameters()[None], *start)["angle_rad"][0][::FINE]
+    reading = np.floor((angle + first_rad) / STEP_RAD) * STEP_RAD
+    return MadeLog(fine_s[::FINE], {"voltage_v": command, "position_rad": reading})
+
+
+def gap_of(tool: Rig, log: MadeLog) -> float:
+    problem = load_problem([log], tool)
+    return problem.gap(problem.residuals(problem.theta0)[0])
+
+
+@pytest.mark.parametrize("first_rad", STEP_RAD * np.array([0.0, 0.25, 0.5, 0.99]))
+def test_a_tool_that_equals_its_rig_leaves_the_noise_of_rounding(first_rad: float) -> None:
+    assert 0.6 < gap_of(servo(), servo_log(servo(), first_rad)) < 1.1
+
+
+@pytest.mark.parametrize(
+    ("tool", "least"),
+    [
+        (servo(inertia_kg_m2=1.1 * TIME_CONSTANT_S * NM_PER_A**2 / OHM), 1.5),
+        (servo(torque_constant_nm_per_a=1.05 * NM_PER_A), 2.0),
+        (servo({"transport_delay": {"delay_s": ROW_S}}), 1.5),
+    ],
+)
+def test_a_small_difference_is_a_gap(tool: Rig, least: float) -> None:
+    """Mean speeds over spans of 50 ms, as of a finer encoder, would leave 0.7 to 1.1."""
+    assert gap_of(servo(), servo_log(tool)) > least
+
+
+def test_the_angle_counts_from_each_restart() -> None:
+    problem = load_problem([servo_log(servo())], servo())
+    assert [s.unit for s in problem.signals] == ["rad"] and len(problem.angles.by_log[0]) > 3
+    known, theta = problem.angles.by_log[0], problem.theta0
+    moved = RestartAngles((known + np.arange(len(known)),))
+    assert problem.residuals(theta, moved) == pytest.approx(problem.residuals(theta), abs=1e-6)
+
+
+def speed_error_left(problem: Problem, sigmas: float) -> float:
+    """Squared residual after the speeds at the restarts are changed by so many of their standard
+    deviations.
+    """
+    (run,) = problem.runs
+    measured = run.restarts.measured.copy()
+    measured[:, 1] += sigmas * run.restarts.speed_sigma
+    moved = replace(run, restarts=replace(run.restarts, measured=measured))
+    return float(np.sum(replace(problem, runs=(moved,)).residuals(problem.theta0) ** 2))
+
+
+def test_an_error_of_the_speed_at_a_restart_is_no_gap() -> None:
+    problem = load_problem([servo_log(servo())], servo())
+    exact, likely, unlikely = (speed_error_left(problem, k) for k in (0.0, 1.0, 30.0))
+    restarts = len(problem.runs[0].restarts.rows)
+    assert likely - exact < 3.0 * restarts and unlikely > 10.0 * likely
+
+
+@pytest.mark.parametrize(
+    ("effects", "named"),
+    [
+        ({}, []),
+        ({"transport_delay": {"delay_s": 0.007}}, ["transport_delay"]),
+        ({"coulomb_friction": {"torque_nm": 0.12}}, ["coulomb_friction"]),
+        ({"quadratic_drag": {"nm_s2_per_rad2": 4e-4}}, ["quadratic_drag"]),
+    ],
+    ids=lambda value: next(iter(value), "none") if isinstance(value, dict) else "",
+)
+def test_effects_are_named_from_such_an_angle_alone(
+    effects: dict[str, dict[str, float]], named: list[str]
+) -> None:
+    """The tool differs from its rig within the tolerances besides."""
+    tool = servo(effects, resistance_ohm=1.1 * OHM, torque_constant_nm_per_a=0.95 * NM_PER_A)
+    verdict = diagnose([servo_log(tool)], servo())
+    assert verdict.verdict == ("effect" if named else "none") and verdict.selected == named
+
+
+def test_one_fast_log_of_several_decides_for_none() -> None:
+    """All logs of a tool are compared in one way: the same signal has one unit."""
+    slow, fast = servo_log(servo()), servo_log(servo())
+    finer = 0.02 * STEP_RAD
+    turn = np.cumsum(np.full(len(fast.time_s), 0.9 * STEP_RAD))
+    columns = fast.columns | {"position_rad": np.round(turn / finer) * finer}
+    problem = load_problem([slow, MadeLog(fast.time_s, columns)], servo())
+    assert len({c.unit for run in problem.runs for c in run.channels}) == 1
+
+
+AMPERE, TURN_S, ENCODER_RAD = 2.0, 0.45, 0.02
+
+
+def axis(noise_a: float = 0.0, **motor: float) -> Rig:
+    """A motor driven by a current, its acceleration 60 rad/s^2 at AMPERE; some values changed."""
+    given_motor = servo().motor | {"inertia_kg_m2": NM_PER_A * AMPERE / 60.0} | motor
+    rig = replace(servo(), input={"kind": "current_a", "hold": "after"}, motor=given_motor)
+    sensors = {"log_hz": 1.0 / ROW_S, "position_lsb_rad": ENCODER_RAD}
+    return replace(rig, sensors=sensors | ({"current_noise_a": noise_a} if noise_a else {}))
+
+
+def axis_log(tool: Rig) -> MadeLog:
+    """Log of an axis that is driven to and fro."""
+    fine_s = np.arange(round(4.0 / ROW_S) * FINE + 1) * ROW_S / FINE
+    command = AMPERE * np.sign(np.sin(2.0 * np.pi * fine_s[::FINE] / TURN_S + 0.4))
+    driving = np.repeat(command, FINE)[: len(fine_s)]
+    drive = _core.LogInput(fine_s, "current_a", np.append(driving[:1], driving[:-1]))
+    start = np.array([0]), np.zeros((1, 3))
+    angle = _core.simulate_log(drive, tool.parameters()[None], *start)["angle_rad"][0][::FINE]
+    reading = np.floor(angle / ENCODER_RAD) * ENCODER_RAD
+    return MadeLog(fine_s[::FINE], {"current_a": command, "position_rad": reading})
+
+
+@pytest.mark.parametrize(("noise_a", "unit"), [(0.0, "rad"), (0.01, "rad"), (2.0, "rad/s^2")])
+def test_a_current_that_tells_less_than_the_angle_is_compared_by_accelerations(
+    noise_a: float, unit: str
+) -> None:
+    problem = load_problem([axis_log(axis())], axis(noise_a))
+    assert [s.unit for s in problem.signals] == [unit]
+    assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.1
+
+
+def test_beside_a_speed_the_angle_of_a_current_driven_axis_is_its_acceleration() -> None:
+    log = axis_log(axis())
+    speed = np.gradient(log.columns["position_rad"], log.time_s) * RPM_PER_RAD_S
+    problem = load_problem([replace(log, columns=log.columns | {"speed_rpm": speed})], axis())
+    assert [s.unit for s in problem.signals] == ["rpm", "rad/s^2"]
+
+
+def test_a_friction_of_a_current_driven_axis_is_named_from_its_angle_alone() -> None:
+    """Its second differences show less than the noise of rounding."""
+    tool = axis(viscous_nm_s_per_rad=0.008)
+    verdict = diagnose([axis_log(tool)], axis())
+    assert (verdict.verdict, verdict.selected) == ("effect", ["viscous_friction"])
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    step=st.floats(1e-3, 10.0),
+    steps_a_row=st.floats(0.05, 3.0),
+    rows=st.integers(30, 200),
+    slowest=st.sampled_from([0.2, -1.0]),
+)
+@settings(deadline=None, max_examples=100)
+def test_samples_lie_within_their_uncertainty(
+    seed: int, step: float, steps_a_row: float, rows: int, slowest: float
+) -> None:
+    """Of a motion of smoothly drawn speed, with reversals or without: each sample is the true angle
+    up to half a step, and their normalised errors have a power of at most about 1.
+    """
+    rng = np.random.default_rng(seed)
+    time_s = 0.004 * np.arange(rows)
+    knots = rng.uniform(slowest, 1.0, 6) * steps_a_row * step / 0.004
+    fine_s = np.linspace(0.0, time_s[-1], 40 * rows)
+    speed = np.interp(fine_s, np.linspace(0.0, time_s[-1], 6), knots)
+    true = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine_s))])
+    reading = np.round(np.interp(time_s, fine_s, true) / step) * step
+    seen = angle_samples(time_s, reading, step / np.sqrt(12.0), step)
+    error = seen.angle_rad - np.interp(seen.time_s, fine_s, true)
+    assert np.all(np.diff(seen.time_s) > 0.0) and np.all(seen.sigma_rad > 0.0)
+    assert np.all(np.abs(error) < 0.51 * step + steps_a_row * step * 0.5)
+    assert len(error) < 8 or np.mean((error / seen.sigma_rad) ** 2) < 2.0
+
+
+def test_a_rest_is_seen_and_a_reading_that_never_changes_gives_no_change() -> None:
+    time_s = 0.01 * np.arange(100)
+    seen = angle_samples(time_s, np.zeros(100), 0.1, 0.1 * np.sqrt(12.0))
+    assert len(seen.row) == 18 and np.all(np.diff(seen.time_s) == pytest.approx(0.05, abs=0.011))
+    assert not seen.angle_rad.any() and np.all(seen.sigma_rad == 0.1)
+
+
+@given(seed=st.integers(0, 2**32 - 1), unknown=st.booleans())
+@settings(deadline=None, max_examples=40)
+def test_shared_errors_are_whitened(seed: int, unknown: bool) -> None:
+    """Residuals of covariance 1 + S S' have covariance 1 afterwards; an unknown error leaves
+    nothing along its direction whatever its size.
+    """
+    rng = np.random.default_rng(seed)
+    group = np.sort(rng.integers(0, 4, 30))
+    loadings, weight = rng.uniform(-3.0, 3.0, (30, 2)), rng.uniform(0.5, 2.0, 30)
+    onto, back = SharedErrors(group, loadings, weight if unknown else None).projections()
+    white = np.eye(30) - (back @ onto).toarray()
+    same = group[:, None] == group
+    covariance = np.eye(30) + same * (loadings @ loadings.T)
+    expected = np.eye(30)
+    if unknown:
+        assert white @ np.where(group == group[0], weight, 0.0) == pytest.approx(0.0, abs=1e-9)
+        size = np.sqrt(np.bincount(group, weights=weight**2)[group])
+        expected -= same * np.outer(weight / size, weight / size)
+    assert white @ covariance @ white.T == pytest.approx(expected, abs=1e-6)
