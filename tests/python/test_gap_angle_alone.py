@@ -102,6 +102,29 @@ def test_the_angle_counts_from_each_restart() -> None:
     assert problem.residuals(theta, moved) == pytest.approx(problem.residuals(theta), abs=1e-6)
 
 
+@pytest.mark.parametrize("changes_per_s", [12.0, 25.0, 60.0])
+def test_a_slow_motion_has_restarts_too(changes_per_s: float) -> None:
+    volt = changes_per_s * STEP_RAD * NM_PER_A
+    time_s = ROW_S * np.arange(2000)
+    angle = volt / NM_PER_A * (time_s - TIME_CONSTANT_S * (1.0 - np.exp(-time_s / TIME_CONSTANT_S)))
+    command = np.full(len(time_s), volt)
+    reading = np.floor(angle / STEP_RAD) * STEP_RAD
+    problem = load_problem(
+        [MadeLog(time_s, {"voltage_v": command, "position_rad": reading})], servo()
+    )
+    assert problem.signals[0].unit == "rad" and len(problem.angles.by_log[0]) > 12
+
+
+def test_nothing_is_compared_across_missing_readings() -> None:
+    log = servo_log(servo())
+    angle = log.columns["position_rad"].copy()
+    angle[(log.time_s > 0.5) & (log.time_s < 1.05)] = np.nan
+    columns = log.columns | {"position_rad": angle}
+    problem = load_problem([MadeLog(log.time_s, columns)], servo())
+    assert not np.any((problem.time_s > 0.5) & (problem.time_s < 1.05))
+    assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.1
+
+
 def speed_error_left(problem: Problem, sigmas: float) -> float:
     """Squared residual after the speeds at the restarts are changed by so many of their standard
     deviations.
@@ -139,6 +162,20 @@ def test_effects_are_named_from_such_an_angle_alone(
     assert verdict.verdict == ("effect" if named else "none") and verdict.selected == named
 
 
+def test_an_error_of_the_restart_speed_is_no_gap_in_the_current_beside_the_angle() -> None:
+    log = servo_log(servo())
+    fine_s = np.arange(round(END_S / ROW_S) * FINE + 1) * ROW_S / FINE
+    driving = np.repeat(log.columns["voltage_v"], FINE)[: len(fine_s)]
+    drive = _core.LogInput(fine_s, "voltage_v", np.append(driving[:1], driving[:-1]))
+    start = np.array([0]), np.zeros((1, 3))
+    current = _core.simulate_log(drive, servo().parameters()[None], *start)["current_a"][0]
+    means = np.append(current[:1], current[1:].reshape(-1, FINE).mean(axis=1))
+    noisy = means + 0.02 * np.random.default_rng(3).standard_normal(len(means))
+    rig = replace(servo(), sensors=servo().sensors | {"current_noise_a": 0.02})
+    problem = load_problem([MadeLog(log.time_s, log.columns | {"current_a": noisy})], rig)
+    assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.3
+
+
 def test_one_fast_log_of_several_decides_for_none() -> None:
     """All logs of a tool are compared in one way: the same signal has one unit."""
     slow, fast = servo_log(servo()), servo_log(servo())
@@ -173,12 +210,28 @@ def axis_log(tool: Rig) -> MadeLog:
 
 
 @pytest.mark.parametrize(("noise_a", "unit"), [(0.0, "rad"), (0.01, "rad"), (2.0, "rad/s^2")])
-def test_a_current_that_tells_less_than_the_angle_is_compared_by_accelerations(
+def test_the_angle_of_a_current_driven_axis_is_compared_itself_where_it_errs_most(
     noise_a: float, unit: str
 ) -> None:
     problem = load_problem([axis_log(axis())], axis(noise_a))
     assert [s.unit for s in problem.signals] == [unit]
     assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.1
+
+
+def test_a_noise_that_changes_the_readings_is_no_rounding() -> None:
+    log = axis_log(axis())
+    rng = np.random.default_rng(1)
+    noisy = log.columns["position_rad"] + ENCODER_RAD * rng.standard_normal(len(log.time_s))
+    reading = np.round(noisy / ENCODER_RAD) * ENCODER_RAD
+    problem = load_problem([replace(log, columns=log.columns | {"position_rad": reading})], axis())
+    assert problem.signals[0].unit == "rad/s^2"
+
+
+def test_a_noise_of_the_current_that_the_rig_does_not_state_is_seen_in_its_column() -> None:
+    log = axis_log(axis())
+    noise = 0.5 * np.random.default_rng(2).standard_normal(len(log.time_s))
+    columns = log.columns | {"current_a": log.columns["current_a"] + noise}
+    assert load_problem([replace(log, columns=columns)], axis()).signals[0].unit == "rad/s^2"
 
 
 def test_beside_a_speed_the_angle_of_a_current_driven_axis_is_its_acceleration() -> None:

@@ -10,6 +10,7 @@ import pytest
 from gap_toy import SCALES, Toy, fit_of
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, available, contains, equivalents
 from vgroove.gap.fitting.covariance import (
+    Covariance,
     interval_half_widths,
     region_excludes_zero,
     sandwich_covariance,
@@ -301,6 +302,12 @@ def test_a_stated_prior_needs_no_degrees_of_freedom() -> None:
     assert covariance.freedom == 1 and covariance.freedom_of([0]) > 1e3
     assert interval_half_widths(engine, one, clusters)[0] == pytest.approx(1.96 * 5.0, rel=0.02)
     assert region_excludes_zero(engine, one, clusters, [0])
+
+
+def test_a_certain_number_lends_no_degrees_of_freedom_to_another() -> None:
+    mixed = Covariance(np.diag([1.0, 0.0]), np.diag([0.0, 1e-12]), 1)
+    assert mixed.freedom_of([0]) == mixed.freedom_of([0, 1]) == pytest.approx(1.0)
+    assert mixed.freedom_of([1]) > 1e5
 
 
 @pytest.mark.parametrize(("spread", "known"), [(0.0, True), (0.1, True), (0.5, False)])

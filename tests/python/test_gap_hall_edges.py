@@ -267,6 +267,21 @@ def test_a_pattern_of_the_turn_is_no_jitter_where_rows_hide_edges(
     assert 1.2e-7 < np.hypot(found.angle_rad / 1000.0, found.time_s) < 2.8e-7
 
 
+@pytest.mark.parametrize("jitter_rad", [0.0, 0.003, 0.02])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_scatter_of_few_edges_is_estimated(jitter_rad: float, seed: int) -> None:
+    """Two and a half turns of a wheel with twelve unequal pitches."""
+    speed = np.full(len(FINE), 30.0) * (1.0 - np.exp(-(FINE + 0.05) / 0.1))
+    edges = edge_times(FINE, motion(speed), 12)[:32]
+    rng = np.random.default_rng(seed)
+    shaken = np.sort(edges + jitter_rad / 30.0 * rng.standard_normal(len(edges)))
+    rows = ROWS[ROWS < shaken[-1] + 0.01]
+    found = read_edge_periods(rows, hall_column(rows, shaken, 12, 3.0, 0.01), 12, 0.01)
+    assert len(found.row) > 25
+    estimate = edge_jitter(found, 12, 0.01 / np.sqrt(12.0)).angle_rad
+    assert 0.3 * jitter_rad <= estimate < 1.8 * jitter_rad + 2e-4
+
+
 def test_timeout_samples_before_standstill_are_recognised() -> None:
     speed = np.where(FINE < 1.0, 300.0, 0.0)
     edges = edge_times(FINE, motion(speed), 4)

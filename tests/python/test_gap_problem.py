@@ -499,3 +499,15 @@ def test_an_angle_column_of_few_samples_changes_no_restart(seen: int) -> None:
         load_problem([with_angle], rig()).runs[0].restarts.rows,
         load_problem([log], rig()).runs[0].restarts.rows,
     )
+
+
+def test_an_edge_period_that_began_before_the_log_is_not_compared(log: MadeLog) -> None:
+    """A sensor that counts from its power-up reports one pitch over that time at the first edge."""
+    speed = log.columns["speed_rpm"].copy()
+    first = int(np.flatnonzero(speed)[0])
+    until = first + int(np.flatnonzero(speed[first:] != speed[first])[0])
+    speed[first:until] = 60.0 / 4.0 / (log.time_s[first] + 5.0)
+    powered = MadeLog(log.time_s, log.columns | {"speed_rpm": speed})
+    problem = load_problem([powered], rig())
+    assert problem.time_s.min() > -2e-3
+    assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.1)

@@ -206,20 +206,21 @@ def speeds_of(time_s: np.ndarray, speed: np.ndarray, sigma: float) -> StateObser
 
 
 @pytest.mark.parametrize(
-    ("speed", "first"),
+    ("speed", "first", "sigma"),
     [
-        (np.array([0.0, 24.0, 85.0, 130.0]), 0.0),  # a hard start from rest
-        (np.array([1.0, 2.1, 2.9, 4.0]), 0.0),  # one that the noise hides
-        (np.array([50.0, 51.0, 50.5, 51.5]), 50.0),
-        (np.array([-90.0, -80.0, -71.0, -59.0]), -90.0),
+        (np.array([0.0, 24.0, 85.0, 130.0]), 0.0, 1.0),  # hard starts from rest
+        (np.array([0.0, 0.0, 10.0, 40.0]), 0.0, 1.0),
+        (np.array([1.0, 2.1, 2.9, 4.0]), 0.0, 10.0),  # one that the noise hides
+        (np.array([50.0, 51.0, 50.5, 51.5]), 50.0, 10.0),
+        (np.array([-90.0, -80.0, -71.0, -59.0]), -90.0, 10.0),
     ],
 )
 def test_a_log_begins_in_motion_where_the_line_through_its_first_speeds_says_so(
-    speed: np.ndarray, first: float
+    speed: np.ndarray, first: float, sigma: float
 ) -> None:
     time_s = 0.01 * np.arange(40)
     speed = np.append(speed, np.full(36, speed[-1]))
-    found = find_restarts(speeds_of(time_s, speed, 10.0), time_s, 0.2)
+    found = find_restarts(speeds_of(time_s, speed, sigma), time_s, 0.2)
     assert found.measured[0, 1] == pytest.approx(first, abs=1.0)
     assert (found.speed_sigma[0] > 5.0) == (first != 0.0)
 

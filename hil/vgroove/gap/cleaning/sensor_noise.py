@@ -22,6 +22,7 @@ MIN_SAMPLES = 20  # finite samples below which no noise is estimated
 # 1 / the 75 % quantile of the normal distribution: median absolute deviation to sigma
 MAD_TO_SIGMA = 1.4826
 # keys of a rig's sensors that state noise and quantisation
+UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in standard deviations
 NOISE_KEYS = {
     "current_a": "current_noise_a",
     "supply_v": "supply_noise_v",
@@ -29,7 +30,6 @@ NOISE_KEYS = {
 }
 LSB_KEYS = {"current_a": "current_lsb_a", "supply_v": "", "speed_rpm": "speed_lsb_rpm"}
 # smallest standard deviation of each column, in its unit: a noiseless log must not divide by zero
-UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in standard deviations
 MIN_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}
 
 
@@ -138,16 +138,23 @@ def position_noise_sigma(time_s: np.ndarray, values: np.ndarray) -> float:
     """Standard deviation of the noise of a position (n,), in its unit, at times (n,), s; nan with
     fewer than MIN_SAMPLES finite samples.
 
-    Differences of high order remove a smooth motion. The smallest estimate over the orders is
-    taken, since motion only adds to it.
+    The smallest estimate over the orders of differences is taken, since motion only adds to it.
+    """
+    return float(np.min(scatter_by_order(time_s, values)))
+
+
+def scatter_by_order(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Standard deviations (orders,) of the noise of a position (n,), in its unit, at times (n,), s,
+    by divided differences of several high orders, which remove a smooth motion; nan with fewer than
+    MIN_SAMPLES finite samples.
     """
     known = np.isfinite(values)
     if np.count_nonzero(known) < MIN_SAMPLES:
-        return float("nan")
+        return np.full(len(DIFFERENCE_ORDERS), np.nan)
     found = (
         divided_differences(time_s[known], values[known], order) for order in DIFFERENCE_ORDERS
     )
-    return float(min(MAD_TO_SIGMA * np.median(np.abs(d - np.median(d))) for d in found))
+    return np.array([MAD_TO_SIGMA * np.median(np.abs(d - np.median(d))) for d in found])
 
 
 class SensorNoise(NamedTuple):

@@ -25,8 +25,9 @@ MIN_SHARE, MAX_FREEDOM = 1e-6, 1e6
 
 @dataclass(frozen=True)
 class Covariance:
-    """Covariance (p, p) of fitted numbers. scattered: the part that is estimated from a scatter,
-    with so many degrees of freedom; known: that of the stated priors of the nuisance parameters.
+    """Covariance (p, p) of fitted numbers. scattered: the part that is estimated from a scatter;
+    freedom: the degrees of freedom of that estimate; known: the part of the stated priors of the
+    nuisance parameters.
     """
 
     scattered: np.ndarray
@@ -49,9 +50,12 @@ class Covariance:
         and Satterthwaite: the known part is certain.
         """
         at = np.ix_(places, places)
-        total, scattered = self.total[at], self.scattered[at]
-        rank = max(1, int(np.linalg.matrix_rank(total)))
-        share = float(np.trace(np.linalg.pinv(total) @ scattered)) / rank
+        size = np.sqrt(np.maximum(np.diag(self.total[at]), np.finfo(float).tiny))
+        total, scattered = (
+            part[at] / np.outer(size, size) for part in (self.total, self.scattered)
+        )
+        # in the direction that the scatter dominates most
+        share = float(np.max(np.linalg.eigvals(np.linalg.pinv(total) @ scattered).real))
         return min(self.freedom / max(share, MIN_SHARE) ** 2, MAX_FREEDOM)
 
 

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts load when they are first used
 
-from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA
+from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA, scatter_by_order
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
 from vgroove.gap.hall_edges.missed_edges import as_single_pitches, widen_beside_missed
 from vgroove.rig import Rig
-from vgroove.units import RAD_S_PER_RPM
+from vgroove.units import RAD_S_PER_RPM, TURN_RAD
 
 
 @dataclass(frozen=True)
 class JitterLimits:
     """Limits of the jitter estimate, chosen on the tuning half of the blind set."""
 
-    min_windows: int = 5  # windows of edge periods below which no jitter is estimated
+    min_windows: int = 5  # windows of edge periods below which a log is short
     # edge periods of a window in addition to two turns: degrees of freedom that remain for jitter
     # after motion and the pattern of the turn are projected out
     beside_turns: int = 14
@@ -45,7 +45,7 @@ class Jitter:
 
 
 def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
-    """Jitter of the edges from a log's edge periods alone; zero where the log is too short.
+    """Jitter of the edges from a log's edge periods alone.
 
     In windows of four or more turns an orthogonal projection removes slow motion and any pattern
     that repeats every turn (eccentric or unequal edges, cogging). What remains is rounding of
@@ -64,7 +64,7 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
     starts = np.arange(0, len(edges.row) - size + 1, size // 2)
     starts = starts[edges.chain[starts] == edges.chain[starts + size - 1]]
     if len(starts) < LIMITS.min_windows:
-        return Jitter()
+        return Jitter(angle_rad=_scatter_of_few_edges(edges, TURN_RAD / pulses_per_rev))
     rows = starts[:, None] + np.arange(size)
     motions = [0.0] if edges.expected_rpm is None else [0.0, edges.expected_rpm]
     places = [np.arange(len(edges.row)) % turn, edges.count % turn]
@@ -77,6 +77,16 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
         key=np.median,
     )
     return _split_jitter(variance, ((edges.speed_rpm * RAD_S_PER_RPM)[rows].mean(axis=1)) ** 2)
+
+
+def _scatter_of_few_edges(edges: EdgePeriods, pitch_rad: float) -> float:
+    """Standard deviation in rad of the angles of edges against a smooth motion, for a log that is
+    too short to tell jitter from a pattern of the turn; 0 where there are too few. Of few edges the
+    smallest of several estimates would be small by chance: the median is taken.
+    """
+    time_s = np.cumsum(edges.end_s - edges.start_s)
+    scatter = scatter_by_order(time_s, pitch_rad * np.arange(len(time_s)))
+    return float(np.nan_to_num(np.median(scatter)))
 
 
 def _edge_variance(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.residual.channels import Channel
+from vgroove.gap.residual.channels import AngleChannel, Channel
 from vgroove.gap.residual.restarts import Observations
 from vgroove.gap.residual.shared_errors import SharedErrors
 from vgroove.rig import Rig
@@ -97,13 +97,18 @@ def widen_after_breakaway(
 def _with_offsets(
     channel: Channel, instants: np.ndarray, until: np.ndarray, sigma_rad_s: np.ndarray
 ) -> Channel:
-    """The channel with an unknown offset of standard deviation sigma_rad_s (k,) that its samples
-    from each instant (k,) to `until` (k,) share; unchanged where it is no speed.
+    """The channel with an unknown offset of the speed, of standard deviation sigma_rad_s (k,), that
+    its samples from each instant (k,) to `until` (k,) share; unchanged where it is no speed or
+    angle.
     """
-    factor = {"rpm": RPM_PER_RAD_S, "rad/s": 1.0}.get(channel.unit)
+    factor = {"rpm": RPM_PER_RAD_S, "rad/s": 1.0, "rad": 1.0}.get(channel.unit)
     if factor is None or not len(instants):
         return channel
     group = np.searchsorted(instants, channel.time_s, side="right") - 1
     affected = (group >= 0) & (channel.time_s < until[group]) & ~channel.censored
     size = np.where(affected, factor * sigma_rad_s[group], 0.0) / channel.sigma
-    return replace(channel, shared=SharedErrors(group, size[:, None]))
+    if not isinstance(channel, AngleChannel):
+        return replace(channel, shared=SharedErrors(group, size[:, None]))
+    turned = size * (channel.time_s - instants[group])
+    loadings = np.column_stack([channel.shared.loadings, turned])
+    return replace(channel, shared=replace(channel.shared, loadings=loadings))

@@ -54,7 +54,8 @@ def load_problem(
     if rig.mechanism["kind"] == "impact":
         return with_clip(load_impact_problem(logs, rig, threads, joints), {})
     logs = reduce_long_logs(logs, rig)
-    cleaned = with_angle_comparison(with_common_noise([clean_log(log, rig) for log in logs]))
+    cleaned = with_common_noise([clean_log(log, rig) for log in logs])
+    cleaned = with_angle_comparison(cleaned, restart_s)
     runs = tuple(prepare_run(log, restart_s) for log in cleaned)
     longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
     problem = join_runs(rig, runs, longest_s, threads)

@@ -8,8 +8,8 @@ import numpy as np
 
 from vgroove.gap.cleaning.sensor_noise import divided_differences
 from vgroove.gap.residual.angle_comparison import (
+    acceleration_sigma,
     angle_step_rad,
-    input_acceleration_sigma,
     is_visible,
 )
 from vgroove.gap.residual.channels import (
@@ -85,7 +85,7 @@ def _angle_channel(log: CleanLog, known: np.ndarray, sigma: float) -> AngleChann
         seen.sigma_rad,
         np.zeros(len(seen.row), dtype=bool),
         note="compared from restart to restart of the model",
-        noise_is_known="position_lsb_rad" in log.rig.sensors,
+        noise_is_known="position_lsb_rad" in log.rig.sensors and not seen.borders_scatter,
         points=points,
     )
 
@@ -95,7 +95,8 @@ def _force_channel(log: CleanLog, known: np.ndarray, sigma: float) -> ForceChann
     rows = _span_rows(time_s[known], position[known], sigma, DIFFERENCES.min_force_rows)
     first, middle, last = _even_triples(time_s, known, rows)
     length = 0.5 * (time_s[last] - time_s[first])
-    sigma_of_input = input_acceleration_sigma(log) * np.sqrt(2.0 / 3.0 / rows)
+    noise_a = log.rig.sensors.get("current_noise_a", 0.0)
+    sigma_of_input = acceleration_sigma(log, noise_a) * np.sqrt(2.0 / 3.0 / rows)
     points = (InterpolationPoints.of(time_s, time_s[at]) for at in (first, middle, last))
     return ForceChannel(
         "position_rad",

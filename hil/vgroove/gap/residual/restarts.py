@@ -230,8 +230,19 @@ def _first_state(observer: StateObserver, time_s: np.ndarray) -> State:
         if seen.end_s[0] > time_s[0] + seen.max_distance_s:
             continue
         elapsed = 0.5 * (seen.start_s + seen.end_s)[:count] - time_s[0]
-        (_, value), covariance = np.polyfit(elapsed, seen.value[:count], 1, cov="unscaled")
-        uncertain = float(np.sqrt(covariance[1, 1])) * seen.sigma[0]
+        value, uncertain = _line_at_start(elapsed, seen.value[:count], seen.sigma[:count])
         if abs(value) > RESTART.start_sigmas * uncertain:
             state[k], sigma[k] = value, uncertain
     return State(state, speed_sigma=float(sigma[1]))
+
+
+def _line_at_start(
+    elapsed_s: np.ndarray, value: np.ndarray, sigma: np.ndarray
+) -> tuple[float, float]:
+    """Value at 0 of the line through values (n,) of standard deviations (n,) at times (n,), and its
+    standard deviation; where the values do not lie on a line, by their scatter.
+    """
+    line, covariance = np.polyfit(elapsed_s, value, 1, w=1.0 / sigma, cov="unscaled")
+    misfit = float(np.sum(((value - np.polyval(line, elapsed_s)) / sigma) ** 2))
+    scale = max(1.0, misfit / (len(value) - len(line)))
+    return float(line[1]), float(np.sqrt(scale * covariance[1, 1]))

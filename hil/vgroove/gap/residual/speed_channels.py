@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA
 from vgroove.gap.hall_edges.edge_periods import EdgePeriods, near_reversal
@@ -50,7 +51,9 @@ def edge_speed_channel(log: CleanLog, edges: EdgePeriods) -> SpanChannel:
     speed_rpm = log.columns["speed_rpm"]
     missed = estimate_missed_edges(edges)
     sigma = sigma_with_missed_rpm(log.rig, edges, missed)
-    keep = ~edges.timeout & ~near_reversal(edges)
+    # of a period that began before the log nobody knows what the shaft did in it
+    begun = edges.start_s > log.time_s[0] - logging_interval_s(log.time_s)
+    keep = ~edges.timeout & ~near_reversal(edges) & begun
     timeout_s = log.rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S)
     bound_start, bound_row = _rows_without_edge(log.time_s, speed_rpm, edges, timeout_s)
     start = np.concatenate([edges.start_s[keep], bound_start])

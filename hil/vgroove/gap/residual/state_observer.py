@@ -136,7 +136,7 @@ def _from_position(log: CleanLog, channel: Channel) -> tuple[Observations, Angle
         time_s[1:],
         np.diff(position) / length,
         np.hypot(sigma[1:], sigma[:-1]) / length,
-        interval_s=logging_interval_s(log.time_s),
+        interval_s=max(logging_interval_s(log.time_s), float(np.median(length))),
     )
     return speed, _interpolated(time_s, position)
 
