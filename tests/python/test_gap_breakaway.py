@@ -14,8 +14,9 @@ from vgroove.gap.residual.breakaway import (
     breakaways,
     widen_after_breakaway,
 )
-from vgroove.gap.residual.channels import RowChannel
+from vgroove.gap.residual.channels import AngleChannel, RowChannel
 from vgroove.gap.residual.local_polynomial import Observations
+from vgroove.gap.residual.shared_errors import SharedErrors
 from vgroove.rig import Rig, read_rig
 from vgroove.units import RPM_PER_RAD_S
 
@@ -129,3 +130,24 @@ def test_with_a_voltage_as_input_there_is_no_offset(rig: Rig) -> None:
     assert widen_after_breakaway((channel,), record, driven, np.zeros(1))[0] is channel
     widened = widen_after_breakaway((channel,), record, rig, np.zeros(1))[0]
     assert widened.shared.loadings.max() < RPM_PER_RAD_S * 5.0  # sigma of the samples is 1 rpm
+
+
+def test_an_angle_is_off_by_the_gained_speed_times_the_time_since_the_breakaway(rig: Rig) -> None:
+    count, sigma = len(TIME), 0.25
+    angle = AngleChannel(
+        "position_rad",
+        "rad",
+        np.arange(count),
+        TIME,
+        np.zeros(count),
+        np.full(count, sigma),
+        np.zeros(count, bool),
+        shared=SharedErrors(np.zeros(count, int), np.ones((count, 1))),
+    )
+    record, restarts = SpeedRecord(seen(), 0.0, False), np.array([0.0, 0.42, 1.3])
+    widened = widen_after_breakaway((angle,), record, rig, restarts)[0].shared.loadings
+    (first, _), acceleration = breakaways(record)
+    gained = breakaway_sigma_rad_s(rig, acceleration)[0]
+    after = (TIME >= first) & (TIME < 0.42)
+    assert np.all(widened[:, 0] == 1.0) and not widened[TIME < first, 1].any()
+    assert widened[after, 1] == pytest.approx(gained * (TIME[after] - first) / sigma)

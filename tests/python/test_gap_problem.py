@@ -502,7 +502,9 @@ def test_an_angle_column_of_few_samples_changes_no_restart(seen: int) -> None:
 
 
 def test_an_edge_period_that_began_before_the_log_is_not_compared(log: MadeLog) -> None:
-    """A sensor that counts from its power-up reports one pitch over that time at the first edge."""
+    """At its first edge a sensor may report one pitch divided by the time since it was switched on,
+    which is no speed of the shaft.
+    """
     speed = log.columns["speed_rpm"].copy()
     first = int(np.flatnonzero(speed)[0])
     until = first + int(np.flatnonzero(speed[first:] != speed[first])[0])

@@ -21,8 +21,8 @@ DIFFERENCE_ORDERS = range(3, 9)  # orders of a position's differences in which n
 MIN_SAMPLES = 20  # finite samples below which no noise is estimated
 # 1 / the 75 % quantile of the normal distribution: median absolute deviation to sigma
 MAD_TO_SIGMA = 1.4826
-# keys of a rig's sensors that state noise and quantisation
 UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in standard deviations
+# keys of a rig's sensors that state noise and quantisation
 NOISE_KEYS = {
     "current_a": "current_noise_a",
     "supply_v": "supply_noise_v",

@@ -46,22 +46,22 @@ class Covariance:
         return np.sqrt(np.maximum(np.diag(self.total), 0.0)) * t.ppf(UPPER_QUANTILE, freedom)
 
     def freedom_of(self, places: Sequence[int]) -> float:
-        """Effective degrees of freedom of the covariance of the numbers at these places, by Welch
-        and Satterthwaite: the known part is certain.
+        """Effective degrees of freedom of the covariance of the numbers at these places, by the
+        Welch-Satterthwaite equation: the known part of the variance has no uncertainty of its own.
+        Of all directions the one in which the scattered part has the largest share decides.
         """
         at = np.ix_(places, places)
         size = np.sqrt(np.maximum(np.diag(self.total[at]), np.finfo(float).tiny))
         total, scattered = (
             part[at] / np.outer(size, size) for part in (self.total, self.scattered)
         )
-        # in the direction that the scatter dominates most
         share = float(np.max(np.linalg.eigvals(np.linalg.pinv(total) @ scattered).real))
         return min(self.freedom / max(share, MIN_SHARE) ** 2, MAX_FREEDOM)
 
 
 def sandwich_covariance(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> Covariance:
-    """Sandwich covariance of the fitted numbers from the rows of a mask (n,); the rows of one
-    cluster (n,) may be correlated in any way.
+    """Sandwich covariance of the fitted numbers from the rows that a mask (n,) selects. Rows with
+    the same number in `cluster` (n,) may be correlated with one another in any way.
     """
     weighted = one.jacobian * (huber_weight(one.residual, one.delta) * mask)[:, None]
     prior = np.diag(one.hypothesis.prior)

@@ -155,8 +155,9 @@ class Fit:
         return self.hypothesis.theta(base, self.x[None, :])[0]
 
     def holding(self, held: Collection[int]) -> "Fit":
-        """The fit with the numbers at some places in x held at their values, for estimates to first
-        order; the fit itself where none is held.
+        """The fit without the numbers at the places `held` of x, which keep their fitted values:
+        only the other numbers count in estimates to first order (covariances). The fit itself where
+        `held` is empty.
         """
         if not held:
             return self

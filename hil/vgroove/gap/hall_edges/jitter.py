@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts load when they are first used
 
-from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA, scatter_by_order
+from vgroove.gap.cleaning.sensor_noise import (
+    MIN_SIGMA,
+    UNIFORM_WIDTH_SIGMAS,
+    scatter_by_order,
+)
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
 from vgroove.gap.hall_edges.missed_edges import as_single_pitches, widen_beside_missed
 from vgroove.rig import Rig
@@ -160,7 +164,7 @@ def sigma_with_missed_rpm(rig: Rig, edges: EdgePeriods, missed: np.ndarray) -> n
     """Standard deviation (m,) of each edge period's speed, rpm, where the sensor missed `missed`
     (m,) edges: jitter is estimated from the periods shortened to one pitch.
     """
-    rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
+    rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / UNIFORM_WIDTH_SIGMAS
     jitter = edge_jitter(
         as_single_pitches(edges, missed), rig.sensors["hall_pulses_per_rev"], rounding
     )
@@ -172,7 +176,7 @@ def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
     jitter, and the uncertainty of its instant.
     """
     length = np.maximum(edges.end_s - edges.start_s, LIMITS.min_length_s)
-    rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
+    rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / UNIFORM_WIDTH_SIGMAS
     noise = rig.sensors.get("speed_noise_rpm", 0.0)
     edge_rpm = np.hypot(jitter.angle_rad / RAD_S_PER_RPM, jitter.time_s * edges.speed_rpm)
     edge = np.sqrt(2.0) * edge_rpm / length

@@ -229,8 +229,8 @@ def predictions(problem: Problem, profile: RunProfile, theta: np.ndarray) -> np.
 
 
 def angle_gained(angle: np.ndarray, time_s: np.ndarray, restart_s: float) -> np.ndarray:
-    """Change of angles (B, rows) over the time restart_s before each row, or since the start: what
-    is compared of an angle is its change since the last restart of the model.
+    """Change of angles (B, rows) over the last restart_s seconds before each row, or since the
+    start of the run. A directly compared angle counts from the last restart of the model.
     """
     since = np.searchsorted(time_s, time_s - restart_s)
     return angle - angle[:, since]

@@ -73,8 +73,7 @@ def angle_stretches(problem: MeasuredProblem) -> AngleStretches:
         number = len(log)
         from_rest, group = _stretch_of_restart(run)
         rows = problem.log == j
-        # a residual at a restart's own row belongs to the stretch before it
-        window = np.searchsorted(run.restarts.rows, problem.row[rows], side="left") - 1
+        window = run.restarts.before(problem.row[rows])
         of[rows] = (group + number)[np.maximum(window, 0)]
         count = int(group[-1]) + 1
         rest += [from_rest and k == 0 for k in range(count)]

@@ -1,6 +1,8 @@
-"""Decides how the angle of an encoder is compared, for all logs of a tool alike: itself, from each
-restart of the model to the next, or by its derivative. A difference of two readings says little
-about a speed where their rounding is as large as the motion between them.
+"""Decides whether the angle of an encoder is compared directly, from each restart of the model to
+the next, or through its derivative; for all logs of a tool alike.
+
+A difference of two readings is an imprecise speed if the resolution of the readings is as large as
+the motion between them. The angle itself is then compared.
 """
 
 from collections.abc import Sequence
@@ -17,31 +19,33 @@ from vgroove.gap.cleaning.sensor_noise import (
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.restarts import restart_interval_s
 
-# share of the changes of a reading that go back against the change before, above which noise
-# changes it; a rounded angle goes back where the shaft reverses
+# share of the changes of a reading that have the opposite sign of the change before. A larger share
+# is a sign of noise; without noise the sign changes only where the shaft reverses
 MAX_RETURNS = 0.15
-MAX_COARSE_STEPS = 4.0  # median change of a coarse angle: a difference errs by 10 % of it or more
-# standard deviation of second differences, in that of the angle's noise, above which they show an
-# acceleration; chosen on the tuning half of the blind set (docs/gap_bench.md)
+# steps; median change of the reading of a coarse encoder from row to row. The rounding of a
+# difference is 10 % of a change of 4 steps
+MAX_COARSE_STEPS = 4.0
+# ratio of the standard deviation of second differences to that of the angle's noise, above which
+# they show an acceleration; chosen on the tuning half of the blind set (docs/gap_bench.md)
 VISIBLE_BEND_SIGMAS = 4.0
 
 
 def with_angle_comparison(logs: Sequence[CleanLog], restart_s: float) -> list[CleanLog]:
-    """The cleaned logs of one tool with compares_angle; restart_s: time between restarts of the
-    model that is asked for.
+    """The cleaned logs of one tool, with CleanLog.compares_angle set. restart_s: requested time in
+    s between restarts of the model.
     """
     seen = [log for log in logs if log.has_values("position_rad")]
-    itself = bool(seen) and _is_rounded(seen)
-    if itself and logs[0].kind == "current_a":
-        itself = all(
+    direct = bool(seen) and _is_rounded(seen)
+    if direct and logs[0].kind == "current_a":
+        direct = all(
             not log.has_values("speed_rpm")
             and _hides_acceleration(log)
             and _errs_more_than_the_input(log, restart_s)
             for log in seen
         )
-    elif itself:
-        itself = _is_coarse(seen)
-    return [replace(log, compares_angle=itself) for log in logs]
+    elif direct:
+        direct = _is_coarse(seen)
+    return [replace(log, compares_angle=direct) for log in logs]
 
 
 def angle_step_rad(log: CleanLog) -> float:
@@ -51,7 +55,9 @@ def angle_step_rad(log: CleanLog) -> float:
 
 
 def acceleration_sigma(log: CleanLog, current_noise_a: float) -> float:
-    """Standard deviation in rad/s^2 of the acceleration from a noise of the current."""
+    """Standard deviation, in rad/s^2, of the shaft's acceleration that a noise of the motor current
+    with the standard deviation current_noise_a, in A, causes.
+    """
     rig = log.rig
     return rig.motor["torque_constant_nm_per_a"] * current_noise_a / rig.shaft_inertia_kg_m2
 
@@ -64,14 +70,18 @@ def is_visible(bend: np.ndarray, sigma: float) -> bool:
 
 
 def _changes_in_steps(log: CleanLog) -> np.ndarray:
-    """Changes (k,) of the angle from one known sample to the next, but those of 0, in steps."""
+    """Differences (k,) between consecutive readings of the angle, in units of its resolution; pairs
+    of equal readings are left out.
+    """
     angle = log.columns["position_rad"]
     change = np.diff(angle[np.isfinite(angle)])
     return change[change != 0.0] / angle_step_rad(log)
 
 
 def _is_rounded(logs: Sequence[CleanLog]) -> bool:
-    """Whether the readings are rounded and do not change by noise."""
+    """Whether rounding is the main error of the readings, since they rarely change back and forth
+    as noise makes them do.
+    """
     signs = [np.sign(_changes_in_steps(log)) for log in logs]
     returns = np.concatenate([one[1:] != one[:-1] for one in signs])
     return len(returns) > 0 and float(returns.mean()) <= MAX_RETURNS
@@ -92,9 +102,10 @@ def _hides_acceleration(log: CleanLog) -> bool:
 
 
 def _errs_more_than_the_input(log: CleanLog, restart_s: float) -> bool:
-    """Whether the noise of the angle exceeds that which the noise of the current, stated or seen in
-    its column, causes in the angle of the model up to the next restart: white noise of the
-    acceleration, integrated twice.
+    """Whether the measured angle has a larger standard deviation than the angle that the model
+    computes from the noisy current, at the end of the time between two restarts. There the noise of
+    the current acts as white noise of the acceleration that is integrated twice. Its standard
+    deviation is that of the rig, or else the scatter of the current column.
     """
     noise_a = log.rig.sensors.get("current_noise_a", command_noise_sigma(log.columns["current_a"]))
     lasts_s = restart_interval_s(log.time_s, restart_s)

@@ -1,14 +1,15 @@
-"""Samples of an angle whose sensor has coarse steps: the instants at which its reading changes by
-a step.
+"""Samples of an angle from a sensor with a coarse resolution, taken at the instants at which its
+reading changes by a step.
 
-Between two changes the angle is known to a step only; at a change it lies on the border between two
-readings, up to the motion within the row in which the change falls.
+Between two changes the angle is known to one step only. At a change it equals the border between
+the two readings; only the instant of the change within its row interval is unknown.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from vgroove.gap.cleaning.logging_interval import median_interval_s
 from vgroove.gap.cleaning.sensor_noise import UNIFORM_WIDTH_SIGMAS, position_noise_sigma
 
 MAX_REST_S = 0.05  # of an unchanged reading between two samples
@@ -21,9 +22,9 @@ BORDER_STEPS = 0.05
 
 @dataclass(frozen=True)
 class AngleSamples:
-    """Samples (m,) in order of time: the row at which each ends, its instant in s, angle and
-    standard deviation in rad; borders_scatter: whether the borders between readings scatter more
-    than those of a good encoder.
+    """Measured angles (m,) in order of time: row of the log at or before whose end each lies,
+    instant in s, angle and its standard deviation in rad. borders_scatter: whether the angles at
+    which the reading changes scatter by more than BORDER_STEPS steps.
     """
 
     row: np.ndarray
@@ -36,11 +37,14 @@ class AngleSamples:
 def angle_samples(
     time_s: np.ndarray, position: np.ndarray, sigma: float, step: float
 ) -> AngleSamples:
-    """Samples of the readings (n,) of a sensor at times (n,), with standard deviation sigma and
-    steps in rad: the changes by one step, some readings in longer rests and all in a fast motion;
-    nothing across missing rows.
+    """Angle samples from the readings (n,) of a sensor at times (n,), s. sigma: standard deviation
+    of one reading, step: its resolution, both in rad.
+
+    Samples are taken where a reading changes by one step; every MAX_REST_S while it does not
+    change; and at each row while it changes by several steps a row. No sample is taken from a
+    change across missing rows.
     """
-    follows = np.diff(time_s) <= MAX_GAP_ROWS * np.median(np.diff(time_s))
+    follows = np.diff(time_s) <= MAX_GAP_ROWS * median_interval_s(time_s)
     changes = _changes(time_s, position, step, follows)
     parts = (
         changes,
@@ -60,10 +64,15 @@ def angle_samples(
 def _changes(
     time_s: np.ndarray, position: np.ndarray, step: float, follows: np.ndarray
 ) -> AngleSamples:
-    """The changes of a reading by one step from a row to one that follows (n - 1,), each in the
-    middle of its row interval and of the two readings. The standard deviation is that of an even
-    distribution over the motion within the row, and of the places of the borders, which an
-    encoder's marks or a noise below a step scatter: as the changes show it, at least BORDER_STEPS.
+    """One sample for each row interval in which the reading changes by one step. follows (n - 1,):
+    whether no reading is missing between a row and the next; intervals with missing ones are left
+    out.
+
+    The sample lies in the middle of the interval, and its angle is the mean of the two readings:
+    the border between them. Its variance is the sum of two: that of a uniform distribution over the
+    motion within the interval, since the instant of the change is unknown; and that of the border's
+    place, because marks of an encoder are unevenly spaced and noise shifts a change. The latter is
+    estimated from the scatter of the changes, at least BORDER_STEPS steps.
     """
     change = np.diff(position)
     before = np.flatnonzero(change)
@@ -82,9 +91,10 @@ def _changes(
 def _motion_within_rows(
     length_s: np.ndarray, instant_s: np.ndarray, change: np.ndarray, step: float
 ) -> np.ndarray:
-    """Motion (k,) in rad within the rows of lengths (k,) in which the reading changes, at most a
-    step: what the speed shows of it. The speed is that of the faster side, over two changes in the
-    same direction.
+    """Estimate (k,), in rad, of the angle by which the shaft turns within each row interval of
+    length (k,), s, in which the reading changes: speed times length, at most one step. The speed is
+    the higher one of those before and after the change, each a mean over the nearest two intervals
+    between changes in the same direction.
     """
     size = np.abs(change)
     same = np.sign(change[1:]) == np.sign(change[:-1])
@@ -96,8 +106,9 @@ def _motion_within_rows(
 
 
 def _speed_over_two(between_s: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Speed (k,) in rad/s over each interval and the next, over the interval alone where the next
-    has no direction (infinite motion) or is missing.
+    """Mean speed (k,) in rad/s over each interval between two changes and the one that follows it.
+    moved (k,): angle turned in each interval, rad; inf where the direction reverses. The interval
+    alone is used where the following one is missing or has a reversal.
     """
     longer = np.append(between_s[1:], 0.0) + between_s
     both = np.append(moved[1:], np.inf) + moved
@@ -111,15 +122,17 @@ def _readings(
 
 
 def _fast_rows(position: np.ndarray, step: float, follows: np.ndarray) -> np.ndarray:
-    """Rows before and after which the reading changes by several steps: the reading is then more
-    precise than the instants of its changes.
+    """Rows (k,) between two changes by several steps each: at this speed a reading is known more
+    precisely than the instant of a change.
     """
     several = (np.abs(np.diff(position)) >= SINGLE_STEP * step) & follows
     return 1 + np.flatnonzero(several[1:] & several[:-1])
 
 
 def _rest_rows(time_s: np.ndarray, position: np.ndarray, follows: np.ndarray) -> np.ndarray:
-    """Rows every MAX_REST_S in runs of equal readings, that far from their ends."""
+    """Rows (k,) about every MAX_REST_S within each run of equal readings, at least MAX_REST_S from
+    the ends of the run.
+    """
     rows: list[int] = []
     first = np.append(0, 1 + np.flatnonzero((np.diff(position) != 0.0) | ~follows))
     for begin, end in zip(first, np.append(first[1:], len(position)) - 1, strict=True):

@@ -1,5 +1,6 @@
-"""Channels of an encoder: mean speeds over spans of rows, or accelerations where the input is a
-current or a force; the angle itself where its noise hides both.
+"""Channel of an encoder: what of its angle is compared with the model. With a voltage or duty as
+input these are mean speeds over spans of rows, with a current or force as input accelerations, and
+the angle itself where its resolution is too coarse for either (angle_comparison.py).
 """
 
 from dataclasses import dataclass, replace

@@ -1,5 +1,5 @@
-"""Errors of the measured states from which the model restarts. The samples of an angle from one
-restart to the next share them, and those of the current beside it.
+"""Errors of the measured states from which the model restarts. All samples of the angle from one
+restart to the next contain the same error of the start state, and so do those of the current.
 """
 
 from dataclasses import replace
@@ -19,8 +19,8 @@ CURRENT = "current_a"
 def share_restart_errors(
     channels: tuple[Channel, ...], drive: _core.LogInput, rig: Rig, restarts: Restarts
 ) -> tuple[Channel, ...]:
-    """The channels; those of an angle that is compared itself with the errors of angle and speed at
-    each restart, of a current beside it with that of the speed.
+    """The channels of a log, with SharedErrors where its angle is compared directly: of the angle
+    for the unknown angle and the error of the speed at each restart, of the current for the latter.
     """
     if not any(isinstance(channel, AngleChannel) for channel in channels):
         return channels
@@ -29,7 +29,7 @@ def share_restart_errors(
 
 
 def _with_errors(channel: Channel, response: Simulation, restarts: Restarts) -> Channel:
-    group = np.searchsorted(restarts.rows, channel.row, side="left") - 1
+    group = restarts.before(channel.row)
     if isinstance(channel, AngleChannel):
         of_speed = response["angle_rad"][channel.row] / channel.sigma
         return replace(
@@ -42,8 +42,8 @@ def _with_errors(channel: Channel, response: Simulation, restarts: Restarts) -> 
 
 
 def _response_to_speed(drive: _core.LogInput, rig: Rig, restarts: Restarts) -> Simulation:
-    """Changes (rows,) of the nominal angle in rad and current in A by one standard deviation of the
-    speed at the restart before; 0 in rows that the plant does not reach, which are no evidence.
+    """Change (rows,) of angle, rad, and current, A, of the nominal model if the speed at the last
+    restart is higher by one standard deviation; 0 in rows that the simulation does not reach.
     """
     theta = np.repeat(rig.parameters()[None], 2, axis=0)
     states = restarts.states(SensorErrors.of(theta, list(_core.PARAMETERS).index))

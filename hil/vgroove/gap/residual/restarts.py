@@ -118,6 +118,12 @@ class Restarts:
         """Motor angles (S,)."""
         return self.measured[:, 2]
 
+    def before(self, rows: np.ndarray) -> np.ndarray:
+        """Number (m,) of the last restart before each row (m,) of the log; -1 where there is none.
+        A row at whose end the model restarts belongs to the restart before.
+        """
+        return np.searchsorted(self.rows, rows, side="left") - 1
+
     def with_angle(self, angle_rad: np.ndarray) -> "Restarts":
         """The restarts at other motor angles (S,)."""
         measured = self.measured.copy()
@@ -193,8 +199,9 @@ def find_restarts(
 def _best_known(
     observer: StateObserver, time_s: np.ndarray, rows: Sequence[int]
 ) -> tuple[int, State] | None:
-    """Row and state of the smallest sum of uncertainty and slope penalty, of equal ones the first;
-    None where every uncertainty exceeds LOCAL_FIT.max_sigmas.
+    """Row and state with the smallest sum of uncertainty and slope penalty among `rows`; the first
+    of them where several sums are equal up to rounding errors. None if every uncertainty exceeds
+    LOCAL_FIT.max_sigmas.
     """
     best, chosen = np.inf, None
     for row in rows:
@@ -239,8 +246,9 @@ def _first_state(observer: StateObserver, time_s: np.ndarray) -> State:
 def _line_at_start(
     elapsed_s: np.ndarray, value: np.ndarray, sigma: np.ndarray
 ) -> tuple[float, float]:
-    """Value at 0 of the line through values (n,) of standard deviations (n,) at times (n,), and its
-    standard deviation; where the values do not lie on a line, by their scatter.
+    """Intercept at time 0 of the weighted least-squares line through values (n,) with standard
+    deviations sigma (n,), and the standard deviation of the intercept, enlarged by the square root
+    of the reduced chi-square where that exceeds 1 (the values then do not lie on a line).
     """
     line, covariance = np.polyfit(elapsed_s, value, 1, w=1.0 / sigma, cov="unscaled")
     misfit = float(np.sum(((value - np.polyval(line, elapsed_s)) / sigma) ** 2))

@@ -12,10 +12,12 @@ from vgroove.gap.residual.immutable import freeze_arrays
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Independent errors of groups of samples. group (m,): number of the group of each sample, in
-    order of time; loadings (m, K): change of the sample by one standard deviation of each of K
-    errors of its group, in standard deviations of the sample; unknown (m,): change by one further
-    error of which nothing is known, in the same unit (None: there is none).
+    """Random errors, each common to all samples of one group, such as an unknown start speed.
+
+    group (m,): number of the group of each sample; the samples of a group follow one another.
+    loadings (m, K): how much one standard deviation of each of the group's K independent errors
+    changes the sample, in standard deviations of the sample's own noise. unknown (m,): the same for
+    a further error whose size is completely unknown, by a unit of that error (None: there is none).
     """
 
     group: np.ndarray
@@ -34,31 +36,30 @@ class SharedErrors:
         """Sparse matrices (k, m) and (m, k) whose product turns residuals into the part of them
         that is attributed to the shared errors.
         """
-        first = np.flatnonzero(np.diff(self.group, prepend=self.group[:1] - 1))
-        parts = _slices(first, len(self.group))
-        bases, shares = zip(*(self._directions(part) for part in parts), strict=True)
+        starts = np.flatnonzero(np.diff(self.group)) + 1
+        groups = np.split(np.arange(len(self.group)), starts)
+        bases, shares = zip(*(self._directions(samples) for samples in groups), strict=True)
         onto = csr_array(block_diag([basis.T for basis in bases]))
         return onto, csr_array(onto.T.multiply(np.concatenate(shares)))
 
-    def _directions(self, part: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Orthonormal directions (n, k) of the errors of a group of samples, and the share (k,) of
-        a residual along each that is attributed to them.
+    def _directions(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """For a group of samples, given by their places (n,): orthonormal directions (n, k) in
+        which its shared errors move the residuals, and for each direction the share (k,) of a
+        residual along it that is attributed to these errors.
         """
         if self.unknown is None:
-            return _symmetric_root(self.loadings[part])
-        first = (self.unknown[part] / np.linalg.norm(self.unknown[part]))[:, None]
-        rest = self.loadings[part] - first * (first.T @ self.loadings[part])
+            return _symmetric_root(self.loadings[samples])
+        first = (self.unknown[samples] / np.linalg.norm(self.unknown[samples]))[:, None]
+        rest = self.loadings[samples] - first * (first.T @ self.loadings[samples])
         basis, share = _symmetric_root(rest)
         return np.hstack([first, basis]), np.append(1.0, share)
 
 
-def _slices(first: np.ndarray, count: int) -> list[slice]:
-    return [slice(a, b) for a, b in zip(first, np.append(first[1:], count), strict=True)]
-
-
 def _symmetric_root(loadings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directions U (n, k) and shares 1 - 1 / sqrt(1 + s^2): for residuals r of covariance 1 + S S'
-    with loadings S = U diag(s) V', r - U diag(share) U' r has covariance 1.
+    """Directions U (n, k) and shares (k,) that whiten residuals r (n,) with loadings S (n, K): if r
+    has the covariance matrix I + S S', then r - U diag(shares) U' r has the covariance matrix I.
+
+    With the singular value decomposition S = U diag(s) V', share = 1 - 1 / sqrt(1 + s^2).
     """
     basis, size, _ = np.linalg.svd(loadings, full_matrices=False)
     return basis, 1.0 - 1.0 / np.sqrt(1.0 + size**2)

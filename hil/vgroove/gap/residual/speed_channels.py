@@ -8,13 +8,12 @@ import numpy as np
 
 from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.cleaning.missing_values import interpolate_missing
-from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA
+from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA, UNIFORM_WIDTH_SIGMAS
 from vgroove.gap.hall_edges.edge_periods import EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import estimate_missed_edges
 from vgroove.gap.residual.channels import ChannelInfo, Samples, SpanChannel, Spans, span_channel
 from vgroove.gap.residual.clean_log import CleanLog
-from vgroove.gap.residual.input_uncertainty import UNIFORM_WIDTH_SIGMAS
 from vgroove.units import RPM_PER_RAD_S
 
 DEFAULT_TIMEOUT_S = 0.25  # of a Hall sensor whose rig names none: docs/spec/gap.md, section 2

@@ -36,10 +36,12 @@ BEAM = BeamLimits()
 
 
 def search_from_several_sets(search: Search, best: Fit) -> tuple[Search, Fit]:
-    """The search and its best set after a beam search: the set that predicts the held-out rows
-    best, if it closes nearly all of the reported gap and leaves less than `best`, the result of
-    forward selection. The search and `best` unchanged otherwise, since among many sets some close a
-    part of what is outside the catalogue, and where suits_beam_search() is False.
+    """Search and best set after a beam search; `best` is the result of forward selection.
+
+    The set that predicts the held-out rows best replaces `best` if it closes at least
+    BEAM.min_closed of the squared reported gap and leaves a smaller gap. Search and `best` are
+    returned unchanged otherwise, and where suits_beam_search() is False. Among many sets some
+    imitate a part of an effect outside the catalogue, which the limit keeps out.
     """
     if not suits_beam_search(search, best):
         return search, best

@@ -209,8 +209,9 @@ def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Cov
 
 
 def known_members(search: Search, one: Fit) -> Fit:
-    """The set without the members whose size may be 0 (unknown_sizes()). The one of the least gain
-    is removed first and the rest fitted again; the last member always stays.
+    """The set without the members whose size may be 0 (unknown_sizes()). They are removed one at a
+    time, the one with the smallest gain first, and the remaining members are fitted again after
+    each. One member always remains.
     """
     while len(one.ids) > 1 and (unknown := unknown_sizes(search, one)):
         one = fit_without(search, one, unknown[0])
