@@ -310,6 +310,20 @@ def test_a_certain_number_lends_no_degrees_of_freedom_to_another() -> None:
     assert mixed.freedom_of([1]) > 1e5
 
 
+@pytest.mark.parametrize("least", [0.0, -1e-320, 1e-320, 1e-300])
+def test_numbers_that_do_not_vary_leave_the_degrees_of_freedom_finite(least: float) -> None:
+    """A number at a limit has no variance, up to rounding errors, in any fold."""
+    scattered = np.diag([2.0, least])
+    scattered[0, 1] = scattered[1, 0] = 1e-170 if least else 0.0
+    covariance = Covariance(scattered, np.zeros((2, 2)), 3)
+    found = [covariance.freedom_of(places) for places in ([0], [1], [0, 1])]
+    assert found == pytest.approx([3.0, 3.0, 3.0])
+    assert np.all(np.isfinite(covariance.half_widths))
+    # variances that rounding made negative, beside a covariance that is left
+    lost = Covariance(np.array([[-1e-3, 10.0], [10.0, -1e-3]]), np.zeros((2, 2)), 3)
+    assert lost.freedom_of([0, 1]) == 3.0 and not lost.half_widths.any()
+
+
 @pytest.mark.parametrize(("spread", "known"), [(0.0, True), (0.1, True), (0.5, False)])
 def test_the_scatter_over_folds_counts_for_a_region(spread: float, known: bool) -> None:
     """Of a value of 1 over four folds; a number at a limit of physics does not scatter at all."""

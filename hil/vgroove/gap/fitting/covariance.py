@@ -48,12 +48,16 @@ class Covariance:
     def freedom_of(self, places: Sequence[int]) -> float:
         """Effective degrees of freedom of the covariance of the numbers at these places, by the
         Welch-Satterthwaite equation: the known part of the variance has no uncertainty of its own.
-        Of all directions the one in which the scattered part has the largest share decides.
+        Of all directions the one in which the scattered part has the largest share decides; numbers
+        without any variance do not count.
         """
-        at = np.ix_(places, places)
-        size = np.sqrt(np.maximum(np.diag(self.total[at]), np.finfo(float).tiny))
+        size = np.sqrt(np.maximum(np.diag(self.total)[list(places)], 0.0))
+        vary = [place for place, one in zip(places, size, strict=True) if one > 0.0]
+        if not vary:
+            return float(self.freedom)
+        at, size = np.ix_(vary, vary), size[size > 0.0]
         total, scattered = (
-            part[at] / np.outer(size, size) for part in (self.total, self.scattered)
+            part[at] / size[:, None] / size[None, :] for part in (self.total, self.scattered)
         )
         share = float(np.max(np.linalg.eigvals(np.linalg.pinv(total) @ scattered).real))
         return min(self.freedom / max(share, MIN_SHARE) ** 2, MAX_FREEDOM)
