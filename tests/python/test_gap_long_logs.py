@@ -29,6 +29,7 @@ from vgroove.gap.cleaning.long_logs import (
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
 from vgroove.gap.cleaning.time_range import TimeRange
 from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.restarts import RESTART
 from vgroove.log import Log, read_log, write_csv
 
 RATE = 1000  # rows per second
@@ -170,6 +171,20 @@ def test_a_reduced_log_is_judged_in_its_stretches_alone() -> None:
     assert {0, 1, 2, 3} == set(np.unique(problem.fold).tolist())
     true = rig().with_effects(TRUE).parameters()
     assert problem.gap(problem.residuals(true)[0]) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("limit", [12_000, 24_000, 36_000])
+def test_the_stretches_have_restarts_as_in_a_short_log(limit: int) -> None:
+    """However far the thinned rows between them are apart."""
+    made = long_drive(60.0)
+    reduced = reduce_log(Log(made.time_s, made.columns, "made"), rig(), limit)
+    problem = load_problem([reduced], rig())
+    run = problem.runs[0]
+    kept = ~is_thinned(run.log.columns, len(run.log.time_s))
+    steps = np.diff(run.log.time_s)[kept[1:] & kept[:-1]]
+    restarts_per_s = np.count_nonzero(kept[run.restarts.rows]) / steps.sum()
+    assert np.ptp(steps) < 1e-6 and problem.restart_s == RESTART.nominal_s
+    assert 0.9 < restarts_per_s * RESTART.nominal_s < 1.4  # with one more after each hole
 
 
 @pytest.mark.proof

@@ -7,6 +7,7 @@ import pytest
 
 from made_log import MadeLog, drive_log, rig
 from vgroove import _core
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.restarts import RESTART, restart_interval_s
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
@@ -48,10 +49,12 @@ def slow_log(row_s: float) -> MadeLog:
 def test_the_interval_between_restarts_is_at_least_32_rows(row_s: float, interval_s: float) -> None:
     assert RESTART.min_interval_rows == 32.0
     time_s = 7.0 + row_s * np.arange(100)
-    assert restart_interval_s(time_s, RESTART_S) == pytest.approx(interval_s)
-    assert restart_interval_s(time_s, 5.0) == 5.0
+    usual_s = logging_interval_s(time_s)
+    assert restart_interval_s(usual_s, RESTART_S) == pytest.approx(interval_s)
+    assert restart_interval_s(usual_s, 5.0) == 5.0
     gap = np.concatenate([time_s[:50], 100.0 + time_s[50:]])  # a hole in the log
-    assert restart_interval_s(gap, RESTART_S) == pytest.approx(interval_s)
+    usual_s = logging_interval_s(gap)
+    assert restart_interval_s(usual_s, RESTART_S) == pytest.approx(interval_s)
 
 
 @pytest.mark.parametrize("row_s", [0.018, 0.031, 0.06, 0.1])

@@ -77,6 +77,14 @@ def is_thinned(columns: Mapping[str, np.ndarray], rows: int) -> np.ndarray:
     return np.isfinite(columns[SQUARE_A2]) if SQUARE_A2 in columns else np.zeros(rows, bool)
 
 
+def without_thinned(time_s: np.ndarray, thinned: np.ndarray) -> np.ndarray:
+    """Times (n,), s, on which the interval of a thinned row (mask (n,)) is a usual one: the rows
+    that it stands for were not lost.
+    """
+    steps = np.diff(time_s)
+    return time_s - np.append(0.0, np.cumsum(np.where(thinned[1:], steps - np.median(steps), 0.0)))
+
+
 def reduce_log(log: Log, rig: Rig, limit: int) -> Log:
     """The log with about `limit` rows: its first stretch, those that differ most from one another,
     and thinned rows in between.

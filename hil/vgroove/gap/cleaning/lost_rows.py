@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.long_logs import is_thinned
+from vgroove.gap.cleaning.long_logs import is_thinned, without_thinned
 from vgroove.gap.cleaning.sensor_noise import column_sigma
 from vgroove.log import Log
 from vgroove.rig import Rig
@@ -74,21 +74,13 @@ def lagrange_cubic(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     return total
 
 
-def _without_thinned(time_s: np.ndarray, thinned: np.ndarray) -> np.ndarray:
-    """Times (n,), s, on which the interval of a thinned row (mask (n,)) is a usual one: the rows
-    that it stands for were not lost.
-    """
-    steps = np.diff(time_s)
-    return time_s - np.append(0.0, np.cumsum(np.where(thinned[1:], steps - np.median(steps), 0.0)))
-
-
 def insert_lost_rows(log: Log, rig: Rig) -> Log:
     """The log with an empty row in place of the last missing row of each hole, if its current holds
     means over the last interval alone; else the log itself, whose rows are means since the row
     before (docs/spec/gap.md, section 1).
     """
     time_s = np.asarray(log.time_s, dtype=float)
-    after = rows_after_holes(_without_thinned(time_s, is_thinned(log.columns, len(time_s))))
+    after = rows_after_holes(without_thinned(time_s, is_thinned(log.columns, len(time_s))))
     if not len(after) or "current_a" not in log.columns or rig.input["kind"] == "current_a":
         return log
     current = np.asarray(log.columns["current_a"], dtype=float)

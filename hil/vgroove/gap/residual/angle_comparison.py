@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.cleaning.sensor_noise import (
     command_noise_sigma,
     divided_differences,
@@ -108,8 +107,6 @@ def _errs_more_than_the_input(log: CleanLog, restart_s: float) -> bool:
     deviation is that of the rig, or else the scatter of the current column.
     """
     noise_a = log.rig.sensors.get("current_noise_a", command_noise_sigma(log.columns["current_a"]))
-    lasts_s = restart_interval_s(log.time_s, restart_s)
-    turned_rad = acceleration_sigma(log, noise_a) * np.sqrt(
-        logging_interval_s(log.time_s) * lasts_s**3 / 3.0
-    )
+    lasts_s = restart_interval_s(log.interval_s, restart_s)
+    turned_rad = acceleration_sigma(log, noise_a) * np.sqrt(log.interval_s * lasts_s**3 / 3.0)
     return bool(turned_rad < log.noise["position_rad"].sigma)

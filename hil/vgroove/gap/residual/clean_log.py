@@ -8,7 +8,8 @@ import numpy as np
 
 from vgroove.gap.cleaning.clock import correct_time_stamps
 from vgroove.gap.cleaning.dead_samples import remove_dead_samples
-from vgroove.gap.cleaning.long_logs import is_thinned
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
+from vgroove.gap.cleaning.long_logs import is_thinned, without_thinned
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
 from vgroove.gap.cleaning.missing_values import has_values
 from vgroove.gap.cleaning.sensor_noise import SensorNoise, common_noise, noise_of
@@ -46,6 +47,11 @@ class CleanLog:
     def thinned(self) -> np.ndarray:
         """Mask (rows,) of the rows that the model skips (cleaning/long_logs.py)."""
         return is_thinned(self.columns, len(self.time_s))
+
+    @property
+    def interval_s(self) -> float:
+        """Usual time in s between two observations of the logger where nothing is thinned."""
+        return logging_interval_s(without_thinned(self.time_s, self.thinned))
 
     def has_values(self, column: str) -> bool:
         """Whether a column holds any value."""

@@ -6,11 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.cleaning.logging_interval import (
-    logging_interval_s,
-    median_interval_s,
-    pauses_of,
-)
+from vgroove.gap.cleaning.logging_interval import median_interval_s, pauses_of
 from vgroove.gap.cleaning.missing_values import MIN_KNOWN_SHARE
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.clean_log import CleanLog
@@ -60,7 +56,7 @@ def find_restarts_and_holes(
     thinned = log.thinned
     command, slew_per_s = log.columns[log.kind], log.rig.input.get("slew_per_s", 0.0)
     begin = [0] * moving
-    holes = _holes(log.time_s, command)
+    holes = _holes(log.time_s, command, log.interval_s)
     steps = _steps_in_holes(log.time_s, command, slew_per_s)
     steps = [hole for hole in steps if not _is_thinned(hole, thinned)]
     resume = begin + [row for _, row in holes + steps]
@@ -73,7 +69,7 @@ def find_restarts_and_holes(
     return restarts, holes + (_unknown_start(restarts, log.time_s) if moving else [])
 
 
-def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
+def _holes(time_s: np.ndarray, command: np.ndarray, interval_s: float) -> list[Hole]:
     """Intervals in which the command is unknown: missing rows or missing samples, and the pauses of
     a logger that writes bursts of rows in which the command changes, at an unknown time.
     """
@@ -81,7 +77,7 @@ def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
     known_s = time_s[known]
     short = pauses_of(known_s, median_interval_s(known_s))
     changed = short[_is_step(known_s, command[known], 0.0)[short]]
-    holes = np.union1d(pauses_of(known_s, logging_interval_s(time_s)), changed)
+    holes = np.union1d(pauses_of(known_s, interval_s), changed)
     return [(int(known[k]), int(known[k + 1])) for k in holes]
 
 

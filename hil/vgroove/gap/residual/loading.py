@@ -57,7 +57,7 @@ def load_problem(
     cleaned = with_common_noise([clean_log(log, rig) for log in logs])
     cleaned = with_angle_comparison(cleaned, restart_s)
     runs = tuple(prepare_run(log, restart_s) for log in cleaned)
-    longest_s = max(restart_interval_s(run.log.time_s, restart_s) for run in runs)
+    longest_s = max(restart_interval_s(log.interval_s, restart_s) for log in cleaned)
     problem = join_runs(rig, runs, longest_s, threads)
     _check_reach(problem)
     aligned = problem.with_angles(align_angles(problem, problem.theta0, problem.angles))

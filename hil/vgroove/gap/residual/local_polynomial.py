@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.residual.immutable import freeze_arrays
 
 NEIGHBOURS = (4, 8, 16)  # observations on each side of an instant that a quadratic may go through
@@ -291,9 +290,11 @@ def _robust_solution(
     return _Solution(coefficients, rows, float(np.sum((weight * error) ** 2)))
 
 
-def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observations:
-    """Observations of a column whose samples are means over the rows' intervals; missing samples
-    are left out.
+def row_means(
+    time_s: np.ndarray, values: np.ndarray, sigma: float, interval_s: float
+) -> Observations:
+    """Observations of a column whose samples are means over the rows' intervals, of interval_s as a
+    rule; missing samples are left out.
     """
     begin = np.concatenate([[2.0 * time_s[0] - time_s[1]], time_s[:-1]])
     known = np.isfinite(values)
@@ -302,5 +303,5 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
         time_s[known],
         values[known],
         np.full(int(known.sum()), sigma),
-        interval_s=logging_interval_s(time_s),
+        interval_s=interval_s,
     )

@@ -72,7 +72,7 @@ def prepare_run(clean: CleanLog, restart_s: float) -> MeasuredRun:
     """
     rig = clean.rig
     time_s, drive = clean.time_s, read_input(clean)
-    restart_s = restart_interval_s(time_s, restart_s)
+    restart_s = restart_interval_s(clean.interval_s, restart_s)
     plant = drive.columns.plant()
     edges, motion = read_edge_periods(clean), nominal_motion(plant, rig)
     if edges is not None:

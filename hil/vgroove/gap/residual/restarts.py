@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vgroove.gap.cleaning.logging_interval import logging_interval_s
+from vgroove.gap.cleaning.long_logs import without_thinned
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.local_polynomial import (
     LOCAL_FIT,
@@ -152,11 +153,11 @@ class Restarts:
         return true
 
 
-def restart_interval_s(time_s: np.ndarray, restart_s: float) -> float:
-    """Time between restarts of a log with rows at time_s (rows,): restart_s, or longer where the
+def restart_interval_s(interval_s: float, restart_s: float) -> float:
+    """Time between restarts of a log with rows every interval_s: restart_s, or longer where the
     logger is slow.
     """
-    return max(restart_s, RESTART.min_interval_rows * logging_interval_s(time_s))
+    return max(restart_s, RESTART.min_interval_rows * interval_s)
 
 
 def find_restarts(
@@ -175,9 +176,10 @@ def find_restarts(
     restart is at the rows of the mask `thinned` (rows,), where nothing is measured.
     """
     rows, found = [0], [_first_state(observer, time_s)]
+    evenly_s = time_s if thinned is None else without_thinned(time_s, thinned)
     reach = max(
         RESTART.search_s * min(1.0, restart_s / RESTART.nominal_s),
-        RESTART.search_rows * logging_interval_s(time_s),
+        RESTART.search_rows * logging_interval_s(evenly_s),
     )
     count = int((time_s[-1] - time_s[0]) / restart_s - RESTART.min_last_share)
     regular = [time_s[0] + k * restart_s for k in range(1, count + 1)]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA, UNIFORM_WIDTH_SIGMAS
 from vgroove.gap.hall_edges.edge_periods import EdgePeriods, near_reversal
@@ -51,7 +50,7 @@ def edge_speed_channel(log: CleanLog, edges: EdgePeriods) -> SpanChannel:
     missed = estimate_missed_edges(edges)
     sigma = sigma_with_missed_rpm(log.rig, edges, missed)
     # of a period that began before the log nobody knows what the shaft did in it
-    begun = edges.start_s > log.time_s[0] - logging_interval_s(log.time_s)
+    begun = edges.start_s > log.time_s[0] - log.interval_s
     keep = ~edges.timeout & ~near_reversal(edges) & begun
     timeout_s = log.rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S)
     bound_start, bound_row = _rows_without_edge(log.time_s, speed_rpm, edges, timeout_s)

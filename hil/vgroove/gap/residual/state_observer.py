@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
@@ -60,7 +59,9 @@ def make_state_observer(
         return _with_current_input(log, speed, angle_at, from_angle)
     current, channel = None, by_column.get("current_a")
     if channel is not None and not channel.magnitude:
-        current = row_means(log.time_s, log.columns["current_a"], float(channel.sigma[0]))
+        current = row_means(
+            log.time_s, log.columns["current_a"], float(channel.sigma[0]), log.interval_s
+        )
     return StateObserver(speed, current, angle_at, _current_from_motion(log), from_angle)
 
 
@@ -74,7 +75,7 @@ def _observed_speed(
     if edges is not None or channel is None:
         return None, lambda t: rest
     sigma = channel.sigma * RAD_S_PER_RPM
-    interval_s = logging_interval_s(log.time_s)
+    interval_s = log.interval_s
     measured = channel.measured * RAD_S_PER_RPM
     speed = Observations(channel.time_s, channel.time_s, measured, sigma, interval_s=interval_s)
     gained = 0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s)
@@ -136,7 +137,7 @@ def _from_position(log: CleanLog, channel: Channel) -> tuple[Observations, Angle
         time_s[1:],
         np.diff(position) / length,
         np.hypot(sigma[1:], sigma[:-1]) / length,
-        interval_s=max(logging_interval_s(log.time_s), float(np.median(length))),
+        interval_s=max(log.interval_s, float(np.median(length))),
     )
     return speed, _interpolated(time_s, position)
 
