@@ -51,6 +51,18 @@ def test_sizes_bounds_and_starts_fit_one_another(effect: Effect) -> None:
         assert all(low <= start * size <= high for start in parameter.starts), parameter.name
 
 
+def test_a_battery_loses_at_most_its_voltage() -> None:
+    """Within a log, by discharge or by the slowest polarisation that is looked for; no search goes
+    beyond.
+    """
+    by_charge, polarisation, time = BY_ID["supply_droop"].parameters
+    assert {p.physical for p in (by_charge, polarisation)} == {"high"}
+    lost_share = 1.0 - math.exp(-TOOL.duration / time.high(TOOL))
+    assert polarisation.high(TOOL) * TOOL.amp * lost_share == pytest.approx(TOOL.volt, rel=0.03)
+    share_of_amp = TOOL.volt / (by_charge.high(TOOL) * TOOL.duration * TOOL.amp)
+    assert share_of_amp == pytest.approx(0.05)  # a mean current of a twentieth of the largest
+
+
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.id)
 def test_a_rig_accepts_what_the_search_may_find(effect: Effect) -> None:
     for parameter in effect.own_parameters:

@@ -532,6 +532,30 @@ def test_every_rule_is_needed() -> None:
     assert not any(member(without=rule).established for rule in RULES)
 
 
+@pytest.mark.parametrize(
+    ("further", "left", "closed", "minor"),
+    [
+        (3.4, 10.0, 0.0, True),  # 0.34 of the gain
+        (3.6, 10.0, 0.0, False),
+        (9.0, 10.0, 0.75, True),  # 0.9 of what is left is 0.3 of what is closed
+        (9.0, 10.0, 0.70, False),
+        (9.0, -0.1, 0.75, False),
+        (9.0, 10.0, -0.5, False),
+    ],
+)
+def test_a_further_gap_is_minor_as_a_share_of_the_comparison_or_of_the_reported_gap(
+    further: float, left: float, closed: float, minor: bool
+) -> None:
+    """The comparison clips large errors: of a gain of 10 it shows no more than that."""
+    state = SimpleNamespace(
+        excess_power=lambda _: left,
+        closed_far_share=lambda *_: closed,
+    )
+    found = established.Member(state, SimpleNamespace(), "a", {})
+    vars(found).update(gain=10.0, without=SimpleNamespace())
+    assert found._is_minor(further, 0.35) is minor
+
+
 def member(without: str = "") -> established.Member:
     """A member that fulfils every rule but one."""
     found = established.Member(SimpleNamespace(), SimpleNamespace(), "a", {})

@@ -29,7 +29,9 @@ def oscillating(made: MadeLog, amplitude_a: float) -> MadeLog:
 
 LOGS = {
     "none": lambda: drive_log(rig(), seconds=2.0, levels=SHORT),
-    "effect": lambda: drive_log(rig(effects={"coulomb_friction": {"torque_nm": 0.003}})),
+    "effect": lambda: drive_log(
+        rig(effects={"coulomb_friction": {"torque_nm": 0.003}}), seconds=2.0, levels=SHORT
+    ),
     "ambiguous": lambda: drive_log(
         rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}}), seconds=2.0, levels=[(0.2, 0.5)]
     ),

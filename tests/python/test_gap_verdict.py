@@ -412,6 +412,9 @@ class Scored:
     reported_share = search_state.Search.reported_share
     closed_reported_share = search_state.Search.closed_reported_share
     leaves_most_of_far_gap = search_state.Search.leaves_most_of_far_gap
+    closed_far_share = search_state.Search.closed_far_share
+    closes_far_gap = search_state.Search.closes_far_gap
+    unwhitened = None
     closes_established_share = search_state.Search.closes_established_share
     without: frozenset[str] = frozenset()
     floor = floor_power = FLOOR
@@ -814,6 +817,38 @@ def test_a_member_whose_size_may_be_none_is_not_named(
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(False))
     found = decision.with_known_sizes(selected(state, best), structure(True), {})
     assert (found.verdict, found.best.ids) == (verdict, tuple(named))
+
+
+@pytest.mark.parametrize(
+    ("leaner", "fuller", "closes"),
+    [
+        (101.0, 10.9, True),  # squared gaps: 90.1 of 100 above the noise
+        (101.0, 11.1, False),
+        (3.9, 1.0, False),  # less than twice the noise: not far from it
+        (4.1, 1.0, True),
+    ],
+)
+def test_nearly_all_of_a_gap_far_from_the_noise(leaner: float, fuller: float, closes: bool) -> None:
+    state = Scored(leaner, leaner, fuller)
+    assert state.closes_far_gap(fuller, leaner) is closes
+    state.gap_problem = SimpleNamespace()  # the balance of torques is compared
+    assert not state.closes_far_gap(fuller, leaner)
+    state.gap_problem, state.unwhitened = None, SimpleNamespace()
+    assert not state.closes_far_gap(fuller, leaner)
+
+
+@pytest.mark.parametrize(("without", "unknown"), [(101.0, []), (30.0, ["a"])])
+def test_a_size_without_which_nearly_all_of_a_large_gap_comes_back_is_not_zero(
+    without: float, unknown: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Although the linear approximation of its interval contains 0."""
+    state, best = Scored(101.0, 101.0, 5.0), named_gap(5.0, 1)
+    monkeypatch.setattr(decision, "estimate_of", lambda *_: None)
+    monkeypatch.setattr(decision, "best_estimate", lambda *_: None)
+    monkeypatch.setattr(decision, "is_known_size", lambda *_: False)
+    monkeypatch.setattr(decision, "BY_ID", {"a": None})
+    monkeypatch.setattr(decision, "fit_without", lambda *_: without)
+    assert decision.unknown_sizes(state, best) == unknown
 
 
 def with_unknown_sizes(monkeypatch: pytest.MonkeyPatch, unknown: str, after: float) -> None:

@@ -9,7 +9,12 @@ import pytest
 from gap_toy import SCALES
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, FORMS_BEYOND_SPECIFICATION, MIN_PERIODS
 from vgroove.gap.selection.intervals import catalogue_forms
-from vgroove.gap.selection.log_content import repeats, turned
+from vgroove.gap.selection.log_content import (
+    periods_of_rows,
+    repeats,
+    resolved_periods,
+    turned,
+)
 from vgroove.units import TURN_RAD
 
 RATIO = 5.0
@@ -24,7 +29,9 @@ def problem(*turns: float) -> SimpleNamespace:
         speed = {"speed_rpm": np.gradient(angle, time_s) * 60.0 / TURN_RAD}
         columns = {"position_rad": angle} if k % 2 else speed
         logs.append(SimpleNamespace(time_s=time_s, columns=columns))
-    return SimpleNamespace(logs=logs, rig=SimpleNamespace(gearbox={"ratio": RATIO}))
+    rig = SimpleNamespace(gearbox={"ratio": RATIO}, mechanism={"kind": "none"})
+    signals = [SimpleNamespace(column="speed_rpm", edges=False)]
+    return SimpleNamespace(logs=logs, rig=rig, signals=signals)
 
 
 def test_a_log_turns_between_its_outermost_angles() -> None:
@@ -41,6 +48,41 @@ def test_what_repeats_is_looked_for_where_it_does_so_twice(effect: object) -> No
     turns = MIN_PERIODS / effect.periodic.periods_per_rev({}.get, RATIO)
     assert not repeats(effect, problem(0.99 * turns))
     assert repeats(effect, problem(1.01 * turns))
+
+
+@pytest.mark.parametrize("turns_a_row", [1e-4, 0.013, 0.5, 17.0])
+@pytest.mark.parametrize("rows", [1, 2, 40])
+def test_rows_at_a_constant_speed_resolve_a_period_of_a_row(turns_a_row: float, rows: int) -> None:
+    """At least MIN_PERIODS of them must pass, one a row."""
+    found = periods_of_rows(np.full(rows, turns_a_row))
+    assert found == pytest.approx(1.0 / turns_a_row if rows >= MIN_PERIODS else 0.0)
+
+
+def test_the_slow_rows_of_a_run_up_resolve_more_periods_than_the_fast_ones() -> None:
+    run_up = np.linspace(0.0, 4.0, 401)[1:]
+    found = periods_of_rows(np.random.default_rng(1).permutation(run_up))
+    passing = found * run_up[found * run_up <= 1.0 + 1e-9]
+    assert found > 1.0 / run_up.max() and passing.sum() >= MIN_PERIODS
+    more = 1.01 * found * run_up
+    assert more[more <= 1.0].sum() < MIN_PERIODS
+
+
+@pytest.mark.parametrize(("column", "edges"), [("position_rad", False), ("speed_rpm", True)])
+def test_a_measured_angle_resolves_any_period(column: str, edges: bool) -> None:
+    """A motor at 600 turns a second, a row every 27 ms."""
+    fast = problem(1.0)
+    fast.logs[0].time_s = 0.027 * np.arange(100.0)
+    fast.logs[0].columns["speed_rpm"] = np.full(100, 36_000.0)
+    assert resolved_periods(fast) == pytest.approx(1.0 / (600.0 * 0.027))
+    fast.signals.append(SimpleNamespace(column=column, edges=edges))
+    assert resolved_periods(fast) == np.inf
+
+
+def test_a_ripple_that_no_row_resolves_is_not_looked_for() -> None:
+    fast = problem(1.0)
+    fast.logs[0].time_s = np.array([0.0, 1.0])
+    fast.logs[0].columns["speed_rpm"] = np.full(2, 36_000.0)
+    assert not repeats(BY_ID["cogging_torque"], fast)
 
 
 @pytest.mark.parametrize(("turns", "least"), [(1e6, 0.2), (4.0, 0.5), (0.5, 4.0), (0.0, 2e4)])

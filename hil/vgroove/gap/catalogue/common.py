@@ -74,6 +74,9 @@ def viscous(low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)) 
     )
 
 
+LONGEST = 20.0  # longest time constant of a slow state, in durations of the log
+
+
 def time_constant(name: str, starts: tuple[float, ...], neutral: float = 1.0) -> Parameter:
     """A time constant, sized as the log's duration."""
     return Parameter(
@@ -81,7 +84,7 @@ def time_constant(name: str, starts: tuple[float, ...], neutral: float = 1.0) ->
         "s",
         lambda s: s.duration,
         lambda s: 0.05 * s.duration,
-        lambda s: 20.0 * s.duration,
+        lambda s: LONGEST * s.duration,
         starts,
         key=POSITIVE,
         neutral=neutral,

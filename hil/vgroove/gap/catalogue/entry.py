@@ -28,6 +28,7 @@ class Scales:
     tool has an impact mechanism; of such a tool, else 0: head_rad, the angle (rad) by which the
     joint's head turns in the longest log, and joint_nm, the largest torque (N m) of the joint, both
     of the rig's simulation. turns: of the motor between the outermost angles of a log.
+    periods: the largest number of periods a motor turn that the rows resolve.
     edges: whether the speed column is made from Hall edges. least: the
     share that is left of a value of the rig at the lower end of its tolerance, by rig key.
     """
@@ -52,6 +53,7 @@ class Scales:
     head_rad: float = 0.0
     joint_nm: float = 0.0
     turns: float = inf
+    periods: float = inf
     edges: bool = False
     least: Mapping[str, float] = field(default_factory=dict)
 

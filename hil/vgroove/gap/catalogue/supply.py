@@ -1,7 +1,10 @@
 """Effects of the supply."""
 
-from .common import series_resistance, time_constant
+from .common import LONGEST, series_resistance, time_constant
 from .entry import ZERO, Effect, Parameter
+
+# A battery cannot lose more than its voltage, in a time as long as LONGEST durations of the log
+MOST_LOSS = LONGEST
 
 EFFECTS = (
     Effect(
@@ -23,10 +26,18 @@ EFFECTS = (
                 "V/C",
                 lambda s: 0.02 * s.volt / (s.amp * s.duration),
                 ZERO,
+                lambda s: MOST_LOSS * s.volt / (s.amp * s.duration),
+                physical="high",
                 plausible=lambda s: 0.2 * s.volt / (s.amp * s.duration),
             ),
             Parameter(
-                "polarisation_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, ZERO, starts=(0.5,)
+                "polarisation_ohm",
+                "ohm",
+                lambda s: 0.02 * s.volt / s.amp,
+                ZERO,
+                lambda s: MOST_LOSS * s.volt / s.amp,
+                starts=(0.5,),
+                physical="high",
             ),
             time_constant("polarisation_s", (0.1, 0.6)),
         ),

@@ -156,7 +156,7 @@ class HypothesisBuilder:
             return coordinate, (known[name],)
         if effect.id in self.present:
             return coordinate, (float(self.problem.theta0[column]) / size,)
-        return coordinate, parameter.starts
+        return coordinate, tuple(dict.fromkeys(min(max(x, low), high) for x in parameter.starts))
 
     def _constant_torque(self, effect: Effect) -> Coordinate:
         """The effect as a constant torque: its second parameter is minus its first one."""

@@ -72,6 +72,35 @@ def turned(problem: Problem) -> float:
     return max(ranges) / TURN_RAD
 
 
+def resolved_periods(problem: Problem) -> float:
+    """Largest number of periods a motor turn that the rows of some log resolve: MIN_PERIODS of them
+    pass at speeds at which each lasts at least a row. Infinite where the angle is measured, so that
+    the phase of each row is known, and for a hammering tool, whose rows are not compared.
+    """
+    counts_angle = any(s.edges or s.column == "position_rad" for s in problem.signals)
+    if counts_angle or problem.rig.mechanism["kind"] == "impact":
+        return np.inf
+    return max(map(periods_of_rows, turns_of_rows(problem)), default=0.0)
+
+
+def turns_of_rows(problem: Problem) -> Iterator[np.ndarray]:
+    """Turns (k,) of the motor in each row interval of each log in which the shaft moves."""
+    slowest = MOVING_SHARE * np.abs(all_speeds(problem)).max()
+    for j, log in enumerate(problem.logs):
+        speed = np.abs(measured_speed(problem, j))[1:]
+        turns = speed * np.diff(np.asarray(log.time_s, float)) / TURN_RAD
+        yield turns[speed > slowest]
+
+
+def periods_of_rows(turns: np.ndarray) -> float:
+    """Largest number of periods a turn of which MIN_PERIODS pass in those of the rows (k,), given
+    by their turns, in which at most one passes.
+    """
+    turns = np.sort(turns)
+    shown = np.cumsum(turns) >= MIN_PERIODS * turns
+    return 1.0 / float(turns[shown][0]) if shown.any() else 0.0
+
+
 def log_flags(problem: Problem) -> frozenset[str]:
     """What the logs can show, as flags of Effect.needs."""
     rig, kind, judged = problem.rig, problem.rig.input["kind"], {s.column for s in problem.signals}
@@ -120,11 +149,13 @@ def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
 
 
 def repeats(effect: Effect, problem: Problem) -> bool:
-    """Whether an effect of a known period, if it has one, repeats in a log. A fitted period has a
-    bound in the catalogue.
+    """Whether an effect that is periodic in the angle repeats in a log: MIN_PERIODS of a known
+    period, or of some period that the rows resolve.
     """
-    if effect.periodic is None or effect.periodic.is_fitted:
+    if effect.periodic is None:
         return True
+    if effect.periodic.is_fitted:
+        return resolved_periods(problem) * turned(problem) >= MIN_PERIODS
     periods = effect.periodic.periods_per_rev({}.get, problem.rig.gearbox["ratio"])
     return turned(problem) * periods >= MIN_PERIODS
 
@@ -156,6 +187,7 @@ def effect_scales(problem: Problem) -> Scales:
         viscous=motor["viscous_nm_s_per_rad"],
         ratio=rig.gearbox["ratio"],
         turns=turned(problem),
+        periods=resolved_periods(problem),
         edges=any(signal.edges for signal in problem.signals),
         duration=float(max(t[-1] - t[0] for t in times)),
         interval=interval,

@@ -98,12 +98,12 @@ def correlation_time(
 
 def autocorrelation(value: np.ndarray, lags: int) -> np.ndarray:
     """Autocorrelation of a series about 0, from lag 0 to the first lag at which it vanishes, at
-    most `lags` of them.
+    most `lags` of them; of a series of zeros one value, 0.
     """
     covariance = autocovariance(value, max(1, lags))
     rho = covariance / max(float(covariance[0]), MIN_POWER)
     below = np.flatnonzero(rho < BOOTSTRAP.uncorrelated)
-    return rho[: int(below[0]) if below.size else len(rho)]
+    return rho[: max(1, int(below[0])) if below.size else len(rho)]
 
 
 def correlated_rows(rho: np.ndarray) -> float:

@@ -478,6 +478,22 @@ class Search:
         before, after = (self.reported_score(f) - floor for f in (leaner, one))
         return (before - after) / max(before, MIN_POWER)
 
+    def closed_far_share(self, fuller: Fit, leaner: Fit) -> float:
+        """Share that a set closes of the reported gap of a leaner one that ends far from the noise;
+        0 of any other, and where another comparison than the forward simulation is judged.
+        """
+        other = self.gap_problem is not None or self.unwhitened is not None
+        if other or not self.is_far_from_noise(leaner):
+            return 0.0
+        return self.closed_reported_share(fuller, leaner)
+
+    def closes_far_gap(self, fuller: Fit, leaner: Fit) -> bool:
+        """Whether a set closes nearly all that a leaner one leaves far from the noise. One event of
+        a log may show that, of which its other parts, and a comparison that clips the errors of
+        this event, say little.
+        """
+        return self.closed_far_share(fuller, leaner) >= COMPARISON.nearly_all
+
     def leaves_most_of_far_gap(self, one: Fit) -> bool:
         """Whether the reported gap of a set lies far above the sensors' noise, and the set closes
         too little of what retuning leaves to be its whole cause. The reported gap weighs single

@@ -54,7 +54,11 @@ class Member:
 
     @cached_property
     def significant(self) -> bool:
-        """Whether its gain is significant and a substantial share (gains_enough())."""
+        """Whether its gain is significant and a substantial share (gains_enough()). Where one event
+        of the log shows nearly all of a large gap, the other parts of the log say nothing of it.
+        """
+        if self.search.closes_far_gap(self.best, self.without):
+            return self.search.gains_share(self.best, self.without)
         return gains_enough(self.search, self.best, self.without, self.id)
 
     @cached_property
@@ -67,15 +71,8 @@ class Member:
 
     @property
     def closed_reported(self) -> float:
-        """Share that it closes of a reported gap that is far from the noise without it; 0 where
-        another comparison than the forward simulation is judged.
-        """
-        search = self.search
-        if search.gap_problem is not None or search.unwhitened is not None:
-            return 0.0
-        if not search.is_far_from_noise(self.without):
-            return 0.0
-        return search.closed_reported_share(self.best, self.without)
+        """Share that it closes of the reported gap, if that is far from the noise without it."""
+        return self.search.closed_far_share(self.best, self.without)
 
     @cached_property
     def loses_little(self) -> bool:
@@ -86,13 +83,24 @@ class Member:
     def complete(self) -> bool:
         """Whether the flexible correction of its subsystem gains little in addition."""
         further = consistency.subsystem_gain(self.search, self.best, self.id)
-        return further <= LIMITS.max_subsystem_gain * self.gain
+        return self._is_minor(further, LIMITS.max_subsystem_gain)
 
     @cached_property
     def constant(self) -> bool:
         """Whether a size that varies over a covariate gains little in addition."""
         further = consistency.varying_gain(self.search, self.best, self.id, self.covariates)
-        return further <= LIMITS.max_varying_gain * self.gain
+        return self._is_minor(further, LIMITS.max_varying_gain)
+
+    def _is_minor(self, further: float, most: float) -> bool:
+        """Whether a further squared gap is at most the share `most` of the gain: as the comparison
+        counts both, or in the reported gap, in which errors beyond the clip of the comparison count
+        too. The further gap is there the same share of what the set leaves.
+        """
+        if further <= most * self.gain:
+            return True
+        left = self.search.excess_power(self.best)
+        closed = self.closed_reported
+        return left > 0.0 and further / left * (1.0 - closed) <= most * closed
 
     @cached_property
     def inside_bounds(self) -> bool:
