@@ -14,17 +14,20 @@ from typer.testing import CliRunner
 
 from made_log import drive_log, rig
 from telemetry_board import ROOT
+from vgroove import _core
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
-from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN
+from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, unit_findings
+from vgroove.gap.log_check.nominal import swings_from_elsewhere
 from vgroove.gap.log_check.plausible import TIME_UNITS
 from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, read_log, write_csv
 from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig, read_rig
+from vgroove.units import RPM_PER_RAD_S
 
 LOGS = sorted((ROOT / "tests/data").rglob("log*.csv"))
 PRACTICE = ROOT / "tests/data/practice/practice_006"
@@ -209,6 +212,53 @@ def test_each_unit_that_a_message_names_is_one_that_the_map_reads() -> None:
     written |= {("speed_rpm", f"{ratio:g} rpm"): 1.0 / ratio, ("duty", "-1"): -1.0}
     for (column, name), factor in written.items():
         assert unit_factor(name, column) * factor == pytest.approx(1.0), (column, name)
+
+
+SERVO = {
+    "motor": {
+        "resistance_ohm": 3.4,
+        "inductance_h": 5e-4,
+        "torque_constant_nm_per_a": 0.354,
+        "inertia_kg_m2": 1.8e-3,
+    },
+    "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 0.0},
+    "load": {"kind": "pendulum", "mass_kg": 0.49, "length_m": 0.1, "zero_rad": 0.15},
+    "sensors": {"hall_pulses_per_rev": 0},
+}
+
+
+@pytest.mark.parametrize(("angle", "speed"), [(0.95, 0.0), (0.95, -3.0), (0.15, -8.0)])
+def test_a_pendulum_that_swings_from_elsewhere_has_no_wrong_sign(
+    angle: float, speed: float
+) -> None:
+    """The command brakes the pendulum that falls: from rest it would move it the other way."""
+    servo = rig(**SERVO)
+    time_s = 0.005 * np.arange(30)
+    duty = np.full(30, 0.02)
+    drive = _core.LogInput(time_s, "duty", duty, load_kind="pendulum")
+    start = np.array([[0.0, speed, angle]])
+    rows = _core.simulate_log(drive, servo.parameters()[None], np.array([0]), start)
+    columns = {
+        "duty": duty,
+        "speed_rpm": rows["speed_rad_s"][0] * RPM_PER_RAD_S,
+        "position_rad": rows["angle_rad"][0],
+    }
+    assert np.median(columns["speed_rpm"]) < 0.0
+    log = Log(time_s, columns, "falling")
+    assert swings_from_elsewhere(log, servo) and unit_findings(log, servo) == []
+
+
+def test_a_pendulum_that_hangs_at_rest_shows_a_wrong_sign() -> None:
+    servo = rig(**SERVO)
+    time_s = 0.005 * np.arange(200)
+    duty = np.where(time_s > 0.05, 0.2, 0.0)
+    drive = _core.LogInput(time_s, "duty", duty, load_kind="pendulum")
+    start = np.array([[0.0, 0.0, 0.15]])
+    rows = _core.simulate_log(drive, servo.parameters()[None], np.array([0]), start)
+    speed = rows["speed_rad_s"][0] * RPM_PER_RAD_S
+    log = Log(time_s, {"duty": duty, "speed_rpm": -speed}, "hanging")
+    assert not swings_from_elsewhere(log, servo)
+    assert any(found.refuses for found in unit_findings(log, servo))
 
 
 def test_a_factor_of_a_tool_is_no_unit() -> None:

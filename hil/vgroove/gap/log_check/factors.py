@@ -19,6 +19,7 @@ from vgroove.gap.log_check.nominal import (
     is_simulated,
     nominal_pairs,
     steady_rows,
+    swings_from_elsewhere,
 )
 from vgroove.gap.log_check.time_unit import best_time_factor, time_finding
 from vgroove.log import COLUMN_UNITS, Log
@@ -124,9 +125,9 @@ WIDE_FACTORS = (1e3, 1e-3)
 
 def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     """Findings on the units and signs of a log, from its simulation; none for a rig that the plant
-    cannot drive with a log.
+    cannot drive with a log, or not from rest.
     """
-    if not is_simulated(rig):
+    if not is_simulated(rig) or swings_from_elsewhere(log, rig):
         return []
     part = first_rows(log, rig)
     factor = 1.0 if "log_hz" in rig.sensors else best_time_factor(part, rig)

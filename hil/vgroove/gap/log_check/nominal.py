@@ -20,6 +20,8 @@ from vgroove.units import RPM_PER_RAD_S
 
 MAX_ROWS = 20_000  # rows that are simulated, from the first command on: 10 ms of work
 NO_STATE = np.zeros((1, 3))
+# share of the range of a column within which a log begins at rest where the load hangs (chosen)
+START_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,26 @@ def mean_error(pairs: list[Pair], scaled: bool = False) -> float:
 def is_simulated(rig: Rig) -> bool:
     """Whether the plant can be driven by a log of this rig."""
     return rig.load["kind"] in LOADS_BEHIND.get(rig.mechanism["kind"], ())
+
+
+def swings_from_elsewhere(log: Log, rig: Rig) -> bool:
+    """Whether the load is a pendulum that is in motion or deflected at the first row: its weight
+    then moves it as much as the command, unlike in a simulation from rest where it hangs.
+    """
+    if rig.load["kind"] != "pendulum":
+        return False
+    hangs = {"speed_rpm": 0.0, "position_rad": rig.load.get("zero_rad", 0.0) * rig.gearbox["ratio"]}
+    return any(
+        abs(known[0] - at) > START_SHARE * np.ptp([*known, at])
+        for column, at in hangs.items()
+        if len(known := _known(log, column))
+    )
+
+
+def _known(log: Log, column: str) -> np.ndarray:
+    """The values (k,) of a column that are not missing; none of a column that is."""
+    values = np.asarray(log.columns.get(column, []), float)
+    return values[np.isfinite(values)]
 
 
 def first_rows(log: Log, rig: Rig, rows: int = MAX_ROWS) -> Log:

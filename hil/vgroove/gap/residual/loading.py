@@ -10,6 +10,7 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue import LOADS_BEHIND
+from vgroove.gap.cleaning.held_samples import remove_held_samples
 from vgroove.gap.cleaning.long_logs import reduce_long_logs
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, clip_sigmas
 from vgroove.gap.residual.angle_alignment import align_angles
@@ -53,7 +54,7 @@ def load_problem(
         _check_magnitudes(log)
     if rig.mechanism["kind"] == "impact":
         return with_clip(load_impact_problem(logs, rig, threads, joints), {})
-    logs = reduce_long_logs(logs, rig)
+    logs = remove_held_samples(reduce_long_logs(logs, rig), rig)
     cleaned = with_common_noise([clean_log(log, rig) for log in logs])
     cleaned = with_angle_comparison(cleaned, restart_s)
     runs = tuple(prepare_run(log, restart_s) for log in cleaned)
