@@ -539,7 +539,9 @@ def test_every_rule_is_needed() -> None:
         (3.6, 10.0, 0.0, False),
         (9.0, 10.0, 0.75, True),  # 0.9 of what is left is 0.3 of what is closed
         (9.0, 10.0, 0.70, False),
-        (9.0, -0.1, 0.75, False),
+        (9.0, 2.0, 0.75, True),  # no more than all that is left
+        (9.0, 0.0, 0.75, True),
+        (9.0, -0.1, 0.70, False),
         (9.0, 10.0, -0.5, False),
     ],
 )

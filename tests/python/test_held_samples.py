@@ -5,7 +5,7 @@ import pytest
 
 from made_log import MadeLog, rig
 from vgroove import _core
-from vgroove.gap.cleaning.held_samples import LIMITS, remove_held_samples, rows_of_a_sample
+from vgroove.gap.cleaning.held_samples import LIMITS, remove_held_samples
 from vgroove.gap.residual.loading import load_problem
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
@@ -47,10 +47,8 @@ def test_the_first_row_of_each_sample_is_kept(rows: int) -> None:
     kept = np.isfinite(found["speed_rpm"])
     assert np.array_equal(np.flatnonzero(kept), np.arange(0, ROWS, rows))
     assert np.array_equal(found["speed_rpm"][kept], wave()[::rows])
-    assert (
-        f"held: sampled more slowly than the rows: speed_rpm every {rows} rows"
-        in (found.warnings[-1])
-    )
+    said = f"held: sampled more slowly than the rows: speed_rpm every {5 * rows} ms"
+    assert said in found.warnings[-1]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -76,20 +74,57 @@ def test_at_rest_a_sample_is_kept_as_often_as_in_motion() -> None:
         np.repeat(wave(ROWS // 4), np.random.default_rng(1).integers(1, 8, ROWS // 4)),
         np.zeros(ROWS),
         polled(wave(LIMITS.min_runs * 4), 4),  # too few samples to tell
+        # codes of 5.86 rpm in whole rpm: a ramp that passes one every few rows
+        np.round(5.86 * np.round(0.3 * np.arange(ROWS))),
+        np.full(ROWS, np.nan),
     ],
-    ids=["every row", "coarse", "irregular", "at rest", "short"],
+    ids=["every row", "coarse", "irregular", "at rest", "short", "few decimals", "missing"],
 )
 def test_other_columns_are_left_as_they_are(speed: np.ndarray) -> None:
     log = log_of(speed)
     assert remove_held_samples([log], tool())[0] is log
 
 
-def test_logs_of_one_tool_decide_together() -> None:
-    """A log of few samples is read as the others of its tool."""
-    logs = [log_of(polled(wave(rows), 4)) for rows in (40, 400)]
-    found = remove_held_samples(logs, tool())
-    assert [int(np.isfinite(log["speed_rpm"]).sum()) for log in found] == [10, 100]
-    assert rows_of_a_sample([]) == 1
+def every(log: Log, rows: int) -> Log:
+    """Every so many rows of a log."""
+    columns = {name: values[::rows] for name, values in log.columns.items()}
+    return Log(log.time_s[::rows], columns, "fewer rows")
+
+
+def kept(log: Log) -> int:
+    """Samples of the speed."""
+    return int(np.isfinite(log["speed_rpm"]).sum())
+
+
+def test_a_short_log_is_read_as_the_others_of_its_tool() -> None:
+    found = remove_held_samples([log_of(polled(wave(n), 4)) for n in (40, 400)], tool())
+    assert [kept(log) for log in found] == [10, 100]
+    assert remove_held_samples([], tool()) == []
+
+
+def test_a_log_of_new_samples_contradicts_the_others_of_its_tool() -> None:
+    logs = [log_of(polled(wave(), 4)), log_of(wave())]
+    assert remove_held_samples(logs, tool()) == logs
+
+
+@pytest.mark.parametrize(("rows", "left"), [(1, 100), (2, 100), (4, 100)])
+def test_logs_of_one_tool_may_have_different_rows(rows: int, left: int) -> None:
+    """A sensor that answers every 20 ms, in logs with a row every 5, 10 or 20 ms."""
+    whole = log_of(polled(wave(), 4))
+    found = remove_held_samples([whole, every(whole, rows)], tool())
+    assert [kept(log) for log in found] == [100, left]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_missing_rows_leave_one_sample_of_each(seed: int) -> None:
+    """The first row that is left of each sample, whichever rows are missing."""
+    speed = polled(wave(), 4)
+    missing = np.random.default_rng(seed).random(ROWS) < 0.1
+    (found,) = remove_held_samples([log_of(np.where(missing, np.nan, speed))], tool())
+    here = np.isfinite(found["speed_rpm"])
+    sample = np.arange(ROWS) // 4
+    assert np.array_equal(np.unique(sample[~missing]), sample[here])
+    assert np.array_equal(found["speed_rpm"][here], speed[here])
 
 
 def test_edges_and_the_driving_column_are_left_as_they_are() -> None:
@@ -111,4 +146,4 @@ def test_a_run_up_that_is_sampled_every_sixth_row_has_no_gap() -> None:
     made = MadeLog(time_s, {"voltage_v": voltage, "speed_rpm": polled(speed, 6)})
     problem = load_problem([made], tool())
     assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.2)
-    assert any("every 6 rows" in warning for warning in problem.warnings)
+    assert any("every 30 ms" in warning for warning in problem.warnings)

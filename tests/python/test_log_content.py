@@ -43,11 +43,15 @@ def test_a_log_turns_between_its_outermost_angles() -> None:
 def test_what_repeats_is_looked_for_where_it_does_so_twice(effect: object) -> None:
     """Eccentric gears repeat once a turn of the output, an eccentric wheel once a motor turn."""
     if effect.periodic.is_fitted:
-        assert repeats(effect, problem(0.01))
+        assert repeats(effect, replace(SCALES, turns=0.01))
+        assert not repeats(effect, replace(SCALES, turns=100.0, periods=0.19))
+        assert repeats(effect, replace(SCALES, turns=100.0, periods=0.21))
         return
-    turns = MIN_PERIODS / effect.periodic.periods_per_rev({}.get, RATIO)
-    assert not repeats(effect, problem(0.99 * turns))
-    assert repeats(effect, problem(1.01 * turns))
+    known = effect.periodic.periods_per_rev({}.get, RATIO)
+    here = replace(SCALES, ratio=RATIO, turns=1.01 * MIN_PERIODS / known, periods=known)
+    assert repeats(effect, here)
+    assert not repeats(effect, replace(here, turns=0.99 * MIN_PERIODS / known))
+    assert not repeats(effect, replace(here, periods=0.99 * known))
 
 
 @pytest.mark.parametrize("turns_a_row", [1e-4, 0.013, 0.5, 17.0])
@@ -67,22 +71,33 @@ def test_the_slow_rows_of_a_run_up_resolve_more_periods_than_the_fast_ones() -> 
     assert more[more <= 1.0].sum() < MIN_PERIODS
 
 
+def fast_motor(held_rows: int = 1) -> SimpleNamespace:
+    """A motor at 600 turns a second, a row every 27 ms, a sample in every held_rows-th of them."""
+    fast = problem(1.0)
+    time_s = 0.027 * np.arange(100.0)
+    fast.logs[0].time_s = time_s
+    fast.logs[0].columns["speed_rpm"] = np.full(100, 36_000.0)
+    fast.time_s, fast.log = time_s[::held_rows], np.zeros(len(time_s[::held_rows]), int)
+    return fast
+
+
+@pytest.mark.parametrize("held_rows", [1, 4])
+def test_what_is_sampled_more_slowly_resolves_less(held_rows: int) -> None:
+    found = resolved_periods(fast_motor(held_rows))
+    assert found == pytest.approx(1.0 / (600.0 * 0.027 * held_rows))
+
+
 @pytest.mark.parametrize(("column", "edges"), [("position_rad", False), ("speed_rpm", True)])
 def test_a_measured_angle_resolves_any_period(column: str, edges: bool) -> None:
-    """A motor at 600 turns a second, a row every 27 ms."""
-    fast = problem(1.0)
-    fast.logs[0].time_s = 0.027 * np.arange(100.0)
-    fast.logs[0].columns["speed_rpm"] = np.full(100, 36_000.0)
-    assert resolved_periods(fast) == pytest.approx(1.0 / (600.0 * 0.027))
+    fast = fast_motor()
     fast.signals.append(SimpleNamespace(column=column, edges=edges))
     assert resolved_periods(fast) == np.inf
 
 
-def test_a_ripple_that_no_row_resolves_is_not_looked_for() -> None:
-    fast = problem(1.0)
-    fast.logs[0].time_s = np.array([0.0, 1.0])
-    fast.logs[0].columns["speed_rpm"] = np.full(2, 36_000.0)
-    assert not repeats(BY_ID["cogging_torque"], fast)
+def test_without_a_logged_motion_no_period_is_left_out() -> None:
+    fast = fast_motor()
+    del fast.logs[0].columns["speed_rpm"]
+    assert resolved_periods(fast) == np.inf
 
 
 @pytest.mark.parametrize(("turns", "least"), [(1e6, 0.2), (4.0, 0.5), (0.5, 4.0), (0.0, 2e4)])

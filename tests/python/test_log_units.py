@@ -246,6 +246,9 @@ def test_a_pendulum_that_swings_from_elsewhere_has_no_wrong_sign(
     assert np.median(columns["speed_rpm"]) < 0.0
     log = Log(time_s, columns, "falling")
     assert swings_from_elsewhere(log, servo) and unit_findings(log, servo) == []
+    quiet = log.columns["speed_rpm"] + np.random.default_rng(1).standard_normal(30)
+    noisy = replace(log, columns=log.columns | {"speed_rpm": quiet})
+    assert swings_from_elsewhere(noisy, servo)
 
 
 def test_a_pendulum_that_hangs_at_rest_shows_a_wrong_sign() -> None:

@@ -3,7 +3,8 @@
 from .common import LONGEST, series_resistance, time_constant
 from .entry import ZERO, Effect, Parameter
 
-# A battery cannot lose more than its voltage, in a time as long as LONGEST durations of the log
+# A battery cannot lose more than its voltage: by the slowest polarisation that is looked for, of
+# LONGEST durations of the log, or by a mean current of as small a share of the largest one
 MOST_LOSS = LONGEST
 
 EFFECTS = (

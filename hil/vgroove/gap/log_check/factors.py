@@ -125,9 +125,9 @@ WIDE_FACTORS = (1e3, 1e-3)
 
 def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     """Findings on the units and signs of a log, from its simulation; none for a rig that the plant
-    cannot drive with a log, or not from rest.
+    cannot drive with a log, and none on the sign of a motion that does not begin as simulated.
     """
-    if not is_simulated(rig) or swings_from_elsewhere(log, rig):
+    if not is_simulated(rig):
         return []
     part = first_rows(log, rig)
     factor = 1.0 if "log_hz" in rig.sensors else best_time_factor(part, rig)
@@ -136,6 +136,8 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     if accelerations := acceleration_factors(part, rig):
         return _acceleration_findings(accelerations, rig)
     slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
+    if swings_from_elsewhere(part, rig):
+        slopes = [slope for slope in slopes if slope.factor > 0.0]
     return _input_findings(slopes, rig) or [f for s in slopes for f in _column_findings(s, rig)]
 
 

@@ -22,6 +22,7 @@ MAX_ROWS = 20_000  # rows that are simulated, from the first command on: 10 ms o
 NO_STATE = np.zeros((1, 3))
 # share of the range of a column within which a log begins at rest where the load hangs (chosen)
 START_SHARE = 0.1
+FIRST_ROWS = 5  # whose median is the start
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,8 @@ def swings_from_elsewhere(log: Log, rig: Rig) -> bool:
         return False
     hangs = {"speed_rpm": 0.0, "position_rad": rig.load.get("zero_rad", 0.0) * rig.gearbox["ratio"]}
     return any(
-        abs(known[0] - at) > START_SHARE * np.ptp([*known, at])
+        abs(np.median(known[:FIRST_ROWS]) - at)
+        > START_SHARE * (max(known.max(), at) - min(known.min(), at))
         for column, at in hangs.items()
         if len(known := _known(log, column))
     )

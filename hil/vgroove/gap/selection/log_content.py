@@ -73,23 +73,29 @@ def turned(problem: Problem) -> float:
 
 
 def resolved_periods(problem: Problem) -> float:
-    """Largest number of periods a motor turn that the rows of some log resolve: MIN_PERIODS of them
-    pass at speeds at which each lasts at least a row. Infinite where the angle is measured, so that
-    the phase of each row is known, and for a hammering tool, whose rows are not compared.
+    """Largest number of periods a motor turn that the compared samples of some log resolve:
+    MIN_PERIODS of them pass at speeds at which each lasts at least from one sample to the next.
+    Infinite where the angle is measured, so that the phase of each sample is known, where no motion
+    is logged, and for a hammering tool, whose rows are not compared.
     """
     counts_angle = any(s.edges or s.column == "position_rad" for s in problem.signals)
     if counts_angle or problem.rig.mechanism["kind"] == "impact":
         return np.inf
-    return max(map(periods_of_rows, turns_of_rows(problem)), default=0.0)
+    if any("speed_rpm" not in log.columns for log in problem.logs):
+        return np.inf
+    return max(map(periods_of_rows, turns_between_samples(problem)))
 
 
-def turns_of_rows(problem: Problem) -> Iterator[np.ndarray]:
-    """Turns (k,) of the motor in each row interval of each log in which the shaft moves."""
+def turns_between_samples(problem: Problem) -> Iterator[np.ndarray]:
+    """Turns (k,) of the motor from one compared sample of each log to the next, while it moves."""
     slowest = MOVING_SHARE * np.abs(all_speeds(problem)).max()
     for j, log in enumerate(problem.logs):
-        speed = np.abs(measured_speed(problem, j))[1:]
-        turns = speed * np.diff(np.asarray(log.time_s, float)) / TURN_RAD
-        yield turns[speed > slowest]
+        time_s = np.asarray(log.time_s, float)
+        speed = np.abs(measured_speed(problem, j))
+        turned_rad = np.cumsum(speed * np.diff(time_s, prepend=time_s[0]))
+        sampled_s = np.unique(problem.time_s[problem.log == j])
+        passed_rad = np.diff(np.interp(sampled_s, time_s, turned_rad))
+        yield passed_rad[passed_rad > slowest * np.diff(sampled_s)] / TURN_RAD
 
 
 def periods_of_rows(turns: np.ndarray) -> float:
@@ -141,23 +147,25 @@ def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
     the shaft turns by MIN_PERIODS of its periods. On a hammering tool those of its joint, and of
     several logs nothing that repeats with an angle, since it is not known where each log begins.
     """
-    effects = [e for e in available(log_flags(problem), without) if repeats(e, problem)]
+    scales = effect_scales(problem)
+    effects = [e for e in available(log_flags(problem), without) if repeats(e, scales)]
     if problem.rig.mechanism["kind"] != "impact":
         return effects
     load, several = problem.rig.load["kind"], len(problem.logs) > 1
     return [e for e in effects if not (e.periodic and several) and (not e.loads or load in e.loads)]
 
 
-def repeats(effect: Effect, problem: Problem) -> bool:
-    """Whether an effect that is periodic in the angle repeats in a log: MIN_PERIODS of a known
-    period, or of some period that the rows resolve.
+def repeats(effect: Effect, scales: Scales) -> bool:
+    """Whether an effect that is periodic in the angle repeats in the logs: MIN_PERIODS of a known
+    period that the rows resolve, or of some period within the bounds of a fitted one.
     """
     if effect.periodic is None:
         return True
     if effect.periodic.is_fitted:
-        return resolved_periods(problem) * turned(problem) >= MIN_PERIODS
-    periods = effect.periodic.periods_per_rev({}.get, problem.rig.gearbox["ratio"])
-    return turned(problem) * periods >= MIN_PERIODS
+        (periods,) = (p for p in effect.parameters if p.name == effect.periodic.periods)
+        return periods.low(scales) < periods.high(scales)
+    known = effect.periodic.periods_per_rev({}.get, scales.ratio)
+    return scales.turns * known >= MIN_PERIODS and known <= scales.periods
 
 
 def effect_scales(problem: Problem) -> Scales:

@@ -98,9 +98,8 @@ class Member:
         """
         if further <= most * self.gain:
             return True
-        left = self.search.excess_power(self.best)
-        closed = self.closed_reported
-        return left > 0.0 and further / left * (1.0 - closed) <= most * closed
+        share = further / max(self.search.excess_power(self.best), further)
+        return share * (1.0 - self.closed_reported) <= most * self.closed_reported
 
     @cached_property
     def inside_bounds(self) -> bool:
