@@ -288,7 +288,7 @@ def seen_of_a_motion(seed: int, step: float, steps_a_row: float, rows: int, slow
 def test_samples_lie_near_the_true_angle(
     seed: int, step: float, steps_a_row: float, rows: int, slowest: float
 ) -> None:
-    """Up to half a step, and the motion within half a row for a change; with reversals or not."""
+    """To within half a step plus the motion in half a row; with reversals of the motion or not."""
     seen = seen_of_a_motion(seed, step, steps_a_row, rows, slowest)
     assert np.all(np.diff(seen.samples.time_s) > 0.0) and np.all(seen.samples.sigma_rad > 0.0)
     assert np.all(np.abs(seen.error_rad) < 0.51 * step + steps_a_row * step * 0.5)

@@ -7,6 +7,7 @@ import pytest
 
 from made_log import MadeLog
 from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.selection.model_comparison import autocorrelation, stationary_variance
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.selection.single_effects import fit_single_effects
@@ -108,3 +109,12 @@ def test_a_lag_that_shows_in_one_reversal_is_significant() -> None:
     duty = np.where(time_s < 0.255, 0.73, -0.745)
     search = search_of_lag(late_log(tool, time_s, duty, {"lag": 0.0155}, 0.15, 0.8), tool)
     assert is_significant_size(search, search.fits[("speed_lag",)], "speed_lag")
+
+
+@pytest.mark.parametrize("rows", [1, 8, 50])
+def test_residuals_of_zero_have_the_variance_of_unit_noise(rows: int) -> None:
+    """A set that follows a column exactly leaves them."""
+    weight = np.random.default_rng(1).standard_normal(rows)
+    assert autocorrelation(np.zeros(rows), 10).tolist() == [0.0]
+    variance, freedom = stationary_variance(weight, np.zeros(rows))
+    assert variance == pytest.approx(weight @ weight) and freedom == max(1.0, rows - 1.0)

@@ -57,7 +57,7 @@ def test_what_repeats_is_looked_for_where_it_does_so_twice(effect: object) -> No
 @pytest.mark.parametrize("turns_a_row", [1e-4, 0.013, 0.5, 17.0])
 @pytest.mark.parametrize("rows", [1, 2, 40])
 def test_rows_at_a_constant_speed_resolve_a_period_of_a_row(turns_a_row: float, rows: int) -> None:
-    """At least MIN_PERIODS of them must pass, one a row."""
+    """Provided that there are rows for MIN_PERIODS periods of one row each."""
     found = periods_of_rows(np.full(rows, turns_a_row))
     assert found == pytest.approx(1.0 / turns_a_row if rows >= MIN_PERIODS else 0.0)
 

@@ -21,7 +21,7 @@ from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, unit_findings
-from vgroove.gap.log_check.nominal import swings_from_elsewhere
+from vgroove.gap.log_check.nominal import starts_moving_or_deflected
 from vgroove.gap.log_check.plausible import TIME_UNITS
 from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, read_log, write_csv
@@ -228,7 +228,7 @@ SERVO = {
 
 
 @pytest.mark.parametrize(("angle", "speed"), [(0.95, 0.0), (0.95, -3.0), (0.15, -8.0)])
-def test_a_pendulum_that_swings_from_elsewhere_has_no_wrong_sign(
+def test_a_pendulum_that_starts_moving_or_deflected_has_no_wrong_sign(
     angle: float, speed: float
 ) -> None:
     """The command brakes the pendulum that falls: from rest it would move it the other way."""
@@ -245,10 +245,10 @@ def test_a_pendulum_that_swings_from_elsewhere_has_no_wrong_sign(
     }
     assert np.median(columns["speed_rpm"]) < 0.0
     log = Log(time_s, columns, "falling")
-    assert swings_from_elsewhere(log, servo) and unit_findings(log, servo) == []
+    assert starts_moving_or_deflected(log, servo) and unit_findings(log, servo) == []
     quiet = log.columns["speed_rpm"] + np.random.default_rng(1).standard_normal(30)
     noisy = replace(log, columns=log.columns | {"speed_rpm": quiet})
-    assert swings_from_elsewhere(noisy, servo)
+    assert starts_moving_or_deflected(noisy, servo)
 
 
 def test_a_pendulum_that_hangs_at_rest_shows_a_wrong_sign() -> None:
@@ -260,7 +260,7 @@ def test_a_pendulum_that_hangs_at_rest_shows_a_wrong_sign() -> None:
     rows = _core.simulate_log(drive, servo.parameters()[None], np.array([0]), start)
     speed = rows["speed_rad_s"][0] * RPM_PER_RAD_S
     log = Log(time_s, {"duty": duty, "speed_rpm": -speed}, "hanging")
-    assert not swings_from_elsewhere(log, servo)
+    assert not starts_moving_or_deflected(log, servo)
     assert any(found.refuses for found in unit_findings(log, servo))
 
 

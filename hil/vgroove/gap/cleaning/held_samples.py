@@ -105,7 +105,9 @@ def repeated_rows(values: np.ndarray, rows: int) -> np.ndarray:
 
 
 def _without_repeats(log: Log, slow: Mapping[str, int]) -> Log:
-    """The log with the repeats in its columns as nan; slow: rows of a sample, by column."""
+    """The log with the repeats in its columns as nan. slow: by column the number of rows in which
+    each sample is written.
+    """
     masks = {name: repeated_rows(_values(log, name), rows) for name, rows in slow.items()}
     masks = {name: again for name, again in masks.items() if again.any()}
     if not masks:

@@ -18,8 +18,8 @@ from vgroove.gap.log_check.nominal import (
     first_rows,
     is_simulated,
     nominal_pairs,
+    starts_moving_or_deflected,
     steady_rows,
-    swings_from_elsewhere,
 )
 from vgroove.gap.log_check.time_unit import best_time_factor, time_finding
 from vgroove.log import COLUMN_UNITS, Log
@@ -136,7 +136,7 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     if accelerations := acceleration_factors(part, rig):
         return _acceleration_findings(accelerations, rig)
     slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
-    if swings_from_elsewhere(part, rig):
+    if starts_moving_or_deflected(part, rig):
         slopes = [slope for slope in slopes if slope.factor > 0.0]
     return _input_findings(slopes, rig) or [f for s in slopes for f in _column_findings(s, rig)]
 

@@ -64,7 +64,7 @@ def is_simulated(rig: Rig) -> bool:
     return rig.load["kind"] in LOADS_BEHIND.get(rig.mechanism["kind"], ())
 
 
-def swings_from_elsewhere(log: Log, rig: Rig) -> bool:
+def starts_moving_or_deflected(log: Log, rig: Rig) -> bool:
     """Whether the load is a pendulum that is in motion or deflected at the first row: its weight
     then moves it as much as the command, unlike in a simulation from rest where it hangs.
     """

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ class CleanLog:
         """Mask (rows,) of the rows that the model skips (cleaning/long_logs.py)."""
         return is_thinned(self.columns, len(self.time_s))
 
-    @property
+    @cached_property
     def interval_s(self) -> float:
         """Usual time in s between two observations of the logger where nothing is thinned."""
         return logging_interval_s(without_thinned(self.time_s, self.thinned))

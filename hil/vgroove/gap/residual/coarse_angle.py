@@ -122,8 +122,8 @@ def _readings(
 
 
 def _fast_rows(position: np.ndarray, step: float, follows: np.ndarray) -> np.ndarray:
-    """Rows (k,) between two changes by several steps each: at this speed a reading is known more
-    precisely than the instant of a change.
+    """Rows (k,) before and after which the reading changes by several steps. The shaft is then so
+    fast that the reading of a row is more precise than the instant of a change.
     """
     several = (np.abs(np.diff(position)) >= SINGLE_STEP * step) & follows
     return 1 + np.flatnonzero(several[1:] & several[:-1])

@@ -99,8 +99,9 @@ def turns_between_samples(problem: Problem) -> Iterator[np.ndarray]:
 
 
 def periods_of_rows(turns: np.ndarray) -> float:
-    """Largest number of periods a turn of which MIN_PERIODS pass in those of the rows (k,), given
-    by their turns, in which at most one passes.
+    """Largest number of periods a motor turn that rows resolve. turns (k,): motor turns from each
+    row to the next. With that many periods, MIN_PERIODS of them pass in the rows in which at most
+    one passes.
     """
     turns = np.sort(turns)
     shown = np.cumsum(turns) >= MIN_PERIODS * turns

@@ -71,7 +71,9 @@ class Member:
 
     @property
     def closed_reported(self) -> float:
-        """Share that it closes of the reported gap, if that is far from the noise without it."""
+        """Share that the member closes of the reported gap of the set without it; 0 unless that gap
+        is far from the noise.
+        """
         return self.search.closed_far_share(self.best, self.without)
 
     @cached_property
