@@ -27,6 +27,7 @@ from vgroove.gap.selection import search_state
 from vgroove.gap.selection.comparison import BALANCE as TORQUE_BALANCE
 from vgroove.gap.selection.comparison import (
     FORWARD,
+    WITH_INERTIA,
     comparison_of,
     effects_in_balance,
     forward_simulation_fails,
@@ -292,11 +293,37 @@ def test_the_forward_simulation_fails_where_the_driving_column_makes_the_speed_u
     assert not forward_simulation_fails(fast, fast.problem, reference_fit(fast))
 
 
-def begin(log: MadeLog, tool: Rig) -> Search:
-    """A search in the forward simulation."""
+def begin(log: MadeLog, tool: Rig, ids: tuple[str, ...] = FRICTIONS) -> Search:
+    """A search for effects in the forward simulation."""
     problem = load_problem([log], tool)
     engine = Engine(problem, effect_scales(problem), {})
-    return search_state.begin(engine, [BY_ID[i] for i in FRICTIONS], ONLY_FRICTIONS)
+    return search_state.begin(engine, [BY_ID[i] for i in ids], ONLY_FRICTIONS)
+
+
+def test_a_wrong_inertia_is_no_failure_of_the_forward_simulation() -> None:
+    """A current swings a rotor whose inertia the rig states at a fifth of the true one: the rig's
+    model is worse than none, and frictions do not mend it.
+    """
+    true = tool_of("current_a")
+    log = simulated_log(true, 10.0 * np.sin(2.0 * np.pi * 8.0 * TIME_S))
+    motor = {**true.motor, "inertia_kg_m2": 0.2 * true.motor["inertia_kg_m2"]}
+    stated = rig_from_dict(true.as_dict() | {"motor": motor}, "the test's rig")
+    search = begin(log, stated, WITH_INERTIA)
+    frictions, with_inertia = reference_fit(search), reference_fit(search, WITH_INERTIA)
+    assert forward_simulation_fails(search, search.problem, frictions)
+    assert not forward_simulation_fails(search, search.problem, frictions, with_inertia)
+    only = (*FRICTIONS, "added_inertia")
+    options = DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in only])
+    verdict = diagnose([log], stated, options)
+    assert (verdict.verdict, verdict.selected) == ("effect", ["added_inertia"])
+    (value,) = verdict.effects[0].parameters.values()
+    assert value.value == pytest.approx(0.8 * true.motor["inertia_kg_m2"], rel=0.02)
+
+
+def test_a_log_that_is_never_driven_has_no_torque_balance() -> None:
+    log = simulated_log(tool_of("current_a"), np.zeros(ROWS))
+    log.columns["speed_rpm"] = 3000.0 * np.exp(-TIME_S)
+    assert balance_problem(load_problem([log], tool_of("current_a"))) is None
 
 
 @pytest.mark.parametrize(

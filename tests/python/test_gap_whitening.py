@@ -175,6 +175,7 @@ def test_an_effect_below_slow_model_errors_is_selected(seed: int) -> None:
         (("coulomb_friction", "current_gain"), ("coulomb_friction",), 1),
         ((), ("coulomb_friction",), 1),
         (("coulomb_friction",), (), 1),
+        (("coulomb_friction",), ("asymmetric_friction",), 1),  # which only generalises it
     ],
 )
 def test_whitened_residuals_replace_an_established_set_by_no_smaller_one(

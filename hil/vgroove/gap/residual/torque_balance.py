@@ -271,7 +271,7 @@ def _held_states(run: HeldRun, errors: SensorErrors) -> np.ndarray:
 
 def balance_problem(problem: Problem) -> BalanceProblem | None:
     """The torque balance of a problem's logs; None where a log shows no motion besides Hall edges,
-    or too few rows.
+    has too few rows, or is never driven.
     """
     from vgroove.gap.residual.loading import join_runs
 
@@ -291,6 +291,8 @@ def balance_problem(problem: Problem) -> BalanceProblem | None:
 def _held_run(run: MeasuredRun, rig: Rig) -> HeldRun | None:
     motion = measured_motion(run, rig)
     if motion is None or np.count_nonzero(motion.known) < BALANCE.min_rows:
+        return None
+    if not run.driving.command.any():
         return None
     channel = _torque_channel(run, rig, motion)
     if channel is None:

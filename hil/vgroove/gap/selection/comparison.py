@@ -34,6 +34,9 @@ SHIFTS = frozenset({"transport_delay"})
 # the effects by whose intervals the two comparisons are ranked: almost every machine shows them,
 # and both comparisons estimate them
 REFERENCE_EFFECTS = ("coulomb_friction", "viscous_friction")
+# what a rig most often misstates besides: without it, a simulation with a wrong inertia seems to be
+# no prediction
+WITH_INERTIA = (*REFERENCE_EFFECTS, "added_inertia")
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,10 @@ def begin_in_better_comparison(
     if not any(has_measured_motion(signal) for signal in problem.signals):
         return search
     reference = reference_fit(search)
-    if reference is None or not forward_simulation_fails(search, problem, reference):
+    if reference is None:
+        return search
+    with_inertia = reference_fit(search, WITH_INERTIA) or reference
+    if not forward_simulation_fails(search, problem, reference, with_inertia):
         return search
     balance = balance_problem(problem)
     if balance is None:
@@ -109,19 +115,21 @@ def effects_in_balance(balance: BalanceProblem, effects: Sequence[Effect]) -> li
     return [e for e in effects if e.id not in left_out and (angle or e.periodic is None)]
 
 
-def reference_fit(search: Search) -> Fit | None:
-    """The reference effects fitted together; None where the logs cannot show them."""
-    found = [e for e in search.effects if e.id in REFERENCE_EFFECTS]
-    if len(found) < len(REFERENCE_EFFECTS):
+def reference_fit(search: Search, ids: Sequence[str] = REFERENCE_EFFECTS) -> Fit | None:
+    """The effects `ids` fitted together; None where the logs cannot show them."""
+    found = [e for e in search.effects if e.id in ids]
+    if len(found) < len(ids):
         return None
     return search.engine.fit(search.engine.hypotheses(found), COMPARISON.max_rounds)[0]
 
 
-def forward_simulation_fails(search: Search, problem: Problem, reference: Fit) -> bool:
-    """Whether the forward simulation of a speed or angle is no prediction (ComparisonRules). Speeds
-    made from Hall edges are left out: they give no torque balance.
+def forward_simulation_fails(search: Search, problem: Problem, *references: Fit) -> bool:
+    """Whether the forward simulation of a speed or angle is no prediction (ComparisonRules), with
+    none of the reference fits. Speeds made from Hall edges are left out: they give no torque
+    balance.
     """
-    nominal, left = (error_shares(problem, f.out_of_fold) for f in (search.nominal, reference))
+    nominal = error_shares(problem, search.nominal.out_of_fold)
+    left = np.min([error_shares(problem, f.out_of_fold) for f in references], axis=0)
     floor = error_shares(problem, np.ones(problem.n))
     return any(
         floor[k] > RULES.max_input_share

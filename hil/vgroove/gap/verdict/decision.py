@@ -109,7 +109,8 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
 
 def established_part(selection: Selection, covariates: Covariates) -> Established:
     """The established set of a selection, or the one in whitened residuals where it has more
-    members, or as many others that leave no larger reported gap.
+    members, or as many others that leave no larger reported gap; not where these only generalise
+    the former and gain less over it than an established member.
 
     A set must be established in the residuals as they are: whitened, also what is outside the
     catalogue leaves errors that one of its effects imitates with one size (an intermittent load a
@@ -124,7 +125,8 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
             found, rivals = leanest_established(other, found, covariates)
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
             more = len(found.ids) > len(part.ids)
-            if more or search.reported_gap(best) <= search.reported_gap(part):
+            general = contains(best.ids, part.ids) and not search.gains_share(best, part)
+            if more or (not general and search.reported_gap(best) <= search.reported_gap(part)):
                 return Established(best, rivals, other.search)
     return Established(*leanest_established(selection, part, covariates), search)
 
