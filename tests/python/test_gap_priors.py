@@ -114,6 +114,23 @@ def test_the_prior_density_of_a_set_is_the_product_over_its_members() -> None:
     assert search.prior_density(state, one) > 0.0  # the odds of two such sets stay finite
 
 
+def test_the_size_of_an_effect_that_the_rig_states_is_its_change() -> None:
+    """The rig's own value is certain; of a limit there is no change, and its value counts."""
+    toy = Toy({})
+    state = SimpleNamespace(problem=toy, engine=Engine(toy, SCALES, {}))
+    limit = BY_ID["magnetic_saturation"]
+    plausible = ADDED.leading.plausible(SCALES)
+    toy.theta0 = toy.theta0.copy()
+    toy.theta0[toy.index(ADDED.name(ADDED.leading))] = 20.0 * plausible
+    toy.theta0[toy.index(limit.name(limit.leading))] = limit.leading.plausible(SCALES)
+    theta = toy.theta0.copy()
+    of = [SimpleNamespace(ids=(e.id,), theta=lambda _: theta) for e in (ADDED, limit)]
+    assert search.prior_density(state, of[0]) == 1.0
+    assert search.prior_density(state, of[1]) == pytest.approx((4.0 / 3.0) ** -2.0)
+    theta[toy.index(ADDED.name(ADDED.leading))] -= np.sqrt(3.0) * plausible
+    assert search.prior_density(state, of[0]) == pytest.approx(0.25)
+
+
 def test_of_a_limit_small_values_are_odd() -> None:
     """A saturation acts at small currents where its limit is small."""
     effect = BY_ID["magnetic_saturation"]
@@ -261,6 +278,19 @@ def test_a_bound_at_which_a_fit_ends_is_widened_unless_it_is_a_range(
     np.testing.assert_array_equal(again.high[1:], hypothesis.high[1:])  # of the nuisance parameter
     one.x = 0.5 * hypothesis.high
     assert not engine.builder.widen(one)
+
+
+@pytest.mark.parametrize("effect", ["torque_constant", "winding_resistance", "current_gain"])
+def test_a_relative_size_is_widened_to_no_factor_of_zero(effect: str) -> None:
+    """A fit that ends there ends at a bound of the search, so that it is not selected."""
+    builder = HypothesisBuilder(Toy({}), SCALES, {})
+    for _ in range(3):
+        (hypothesis, *_) = builder.hypotheses([BY_ID[effect]], (), np.zeros(0))
+        (coordinate,) = hypothesis.coordinates
+        low = coordinate.low * coordinate.factors[0]
+        assert coordinate.ends_at_search_bound(coordinate.low) and -0.951 < low < 0.0
+        builder.widen(SimpleNamespace(hypothesis=hypothesis, x=np.array([coordinate.low])))
+    assert low == pytest.approx(-0.95)
 
 
 def slow_tool(delay_s: float = 0.0) -> Rig:

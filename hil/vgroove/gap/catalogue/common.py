@@ -19,7 +19,9 @@ PHASE = Parameter("phase_rad", "rad", constant(1.0), reported=False, key=ANY.opt
 def relative(
     size: float, bound: float = 0.9, high: float | None = None, plausible: float = 0.1
 ) -> Parameter:
-    """A factor 1 + relative on a value of the rig, searched within +-bound, or up to high."""
+    """A factor 1 + relative on a value of the rig, searched within +-bound, or up to high. -1, a
+    value of 0, is no limit that a tool reaches.
+    """
     return Parameter(
         "relative",
         "1",
@@ -27,7 +29,7 @@ def relative(
         constant(-bound),
         constant(bound if high is None else high),
         key=RELATIVE,
-        physical="low",
+        widest_low=-0.95,
         plausible=constant(plausible),
     )
 

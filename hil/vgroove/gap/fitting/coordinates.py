@@ -138,6 +138,7 @@ class HypothesisBuilder:
         factor = self.widening.get(name, 1.0)
         if parameter.physical not in ("low", "both"):
             low = low * factor if low < 0.0 else low / factor
+            low = max(low, parameter.widest_low / size)
         if parameter.physical not in ("high", "both"):
             high *= factor
         coordinate = Coordinate(

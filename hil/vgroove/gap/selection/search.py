@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID, FRICTION_LAWS, LESS_LIKELY, contains
+from vgroove.gap.catalogue.entry import OFF_AT_INFINITY
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.backward import backward, drop_form_corrections
 from vgroove.gap.selection.beam import search_from_several_sets
@@ -221,12 +222,15 @@ def prior_excludes(search: Search, rival: Fit, best: Fit) -> bool:
 
 def prior_density(search: Search, one: Fit) -> float:
     """Prior density of the sizes of a set's members, relative to that at 0: for each Student's t of
-    3 degrees of freedom in units of the size that the catalogue calls plausible.
+    3 degrees of freedom in units of the size that the catalogue calls plausible. Of an effect that
+    the rig states already the change is its size.
     """
-    theta, scales = one.theta(search.problem.theta0), search.engine.scales
-    density = 1.0
+    stated, scales = search.problem.theta0, search.engine.scales
+    theta, density = one.theta(stated), 1.0
     for effect in (BY_ID[i] for i in one.ids):
-        value = float(theta[search.problem.index(effect.name(effect.leading))])
+        column = search.problem.index(effect.name(effect.leading))
+        is_size = effect.leading.neutral != OFF_AT_INFINITY
+        value = float(theta[column] - stated[column] if is_size else theta[column])
         density *= (1.0 + effect.implausibility(value, scales) ** 2 / 3.0) ** -2.0
     return max(density, np.finfo(float).tiny)
 
