@@ -249,7 +249,7 @@ def coordinate(physical: str, low: float = -2.0) -> Coordinate:
         ("low", -2.0, False, True),
         ("high", -2.0, True, False),
         ("both", -2.0, False, False),
-        ("", 0.0, False, True),  # 0 always is physical: no effect
+        ("low", 0.0, False, True),
     ],
 )
 def test_only_bounds_of_the_search_count_as_bounds(
@@ -278,6 +278,27 @@ def test_a_bound_at_which_a_fit_ends_is_widened_unless_it_is_a_range(
     np.testing.assert_array_equal(again.high[1:], hypothesis.high[1:])  # of the nuisance parameter
     one.x = 0.5 * hypothesis.high
     assert not engine.builder.widen(one)
+
+
+@pytest.mark.parametrize(
+    ("effect", "stated", "low"), [("quadratic_drag", 3e-9, 0.0), ("speed_gain", -0.04, -0.5)]
+)
+def test_of_a_size_that_the_rig_states_the_change_is_fitted(
+    effect: str, stated: float, low: float
+) -> None:
+    """It starts at the rig's value; a drag of 0 is a limit of physics, wherever the rig begins."""
+    toy, name = Toy({}), BY_ID[effect].name(BY_ID[effect].leading)
+    toy.theta0 = toy.theta0.copy()
+    toy.theta0[toy.index(name)] = stated
+    builder = HypothesisBuilder(toy, SCALES, {}, frozenset({effect}))
+    (hypothesis,) = builder.hypotheses([BY_ID[effect]], (), np.zeros(0))
+    (coordinate,) = hypothesis.coordinates
+    x = np.array([hypothesis.start, hypothesis.start + 1.0, hypothesis.low])
+    values = hypothesis.theta(toy.theta0, x)[:, toy.index(name)]
+    assert hypothesis.start == [0.0]
+    expected = [stated, stated + BY_ID[effect].leading.size(SCALES), low]
+    np.testing.assert_allclose(values, expected, atol=1e-20)
+    assert coordinate.ends_at_search_bound(coordinate.low) is (low != 0.0)
 
 
 @pytest.mark.parametrize("effect", ["torque_constant", "winding_resistance", "current_gain"])

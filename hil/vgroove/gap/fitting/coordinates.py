@@ -132,6 +132,7 @@ class HypothesisBuilder:
     def _of_parameter(
         self, effect: Effect, parameter: Parameter, known: dict[str, float]
     ) -> Started:
+        """Of a size that the rig states the fitted number is the change."""
         name, size = effect.name(parameter), parameter.size(self.scales)
         column = self.problem.index(effect.column(parameter))
         low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
@@ -141,20 +142,25 @@ class HypothesisBuilder:
             low = max(low, parameter.widest_low / size)
         if parameter.physical not in ("high", "both"):
             high *= factor
+        is_change = effect.id in self.present and parameter.neutral == 0.0 and not effect.has_phase
+        stated = float(self.problem.theta0[column]) / size if is_change else 0.0
         coordinate = Coordinate(
             name,
             (column,),
             (size,),
             0.0,
-            low,
-            high,
+            low - stated,
+            high - stated,
             self.problem.difference_factor * parameter.step,
             parameter.zero_below,
-            physical=parameter.physical,
+            stated=stated,
+            physical=_physical_bounds(parameter, low),
             local=parameter.local,
         )
         if name in known:
             return coordinate, (known[name],)
+        if is_change:
+            return coordinate, (0.0,)
         if effect.id in self.present:
             return coordinate, (float(self.problem.theta0[column]) / size,)
         return coordinate, tuple(dict.fromkeys(min(max(x, low), high) for x in parameter.starts))
@@ -167,6 +173,13 @@ class HypothesisBuilder:
         return Coordinate(name, columns, (size, -size), 0.0, -UNBOUNDED, UNBOUNDED)
 
 
+def _physical_bounds(parameter: Parameter, low: float) -> str:
+    """Which bounds of a parameter are limits of physics; a lower one of 0 always is."""
+    if low != 0.0 or parameter.physical in ("low", "both"):
+        return parameter.physical
+    return "both" if parameter.physical else "low"
+
+
 def _as_sine_and_cosine(pairs: list[Started]) -> list[Started]:
     """The coordinates of a periodic effect with amplitude (first) and phase (last) replaced by
     amplitude cos(phase), role "cosine", and amplitude sin(phase), role "sine": least squares in
@@ -174,6 +187,6 @@ def _as_sine_and_cosine(pairs: list[Started]) -> list[Started]:
     """
     amplitude, phase = pairs[0][0], pairs[-1][0]
     bound = max(abs(amplitude.high), 1.0)
-    cosine = replace(amplitude, low=-bound, high=bound, role="cosine")
+    cosine = replace(amplitude, low=-bound, high=bound, role="cosine", physical="")
     sine = replace(phase, low=-bound, high=bound, role="sine")
     return [*pairs[1:-1], (cosine, (RIPPLE_START,)), (sine, (RIPPLE_START,))]

@@ -29,8 +29,8 @@ def least_share(sigma: float) -> float:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One fitted number x: theta[columns] = origin + factors * x, with x taken as 0 where
-    |x| < least.
+    """One fitted number x: theta[columns] = origin + factors * (stated + x), with x taken as 0
+    where |x| < least. stated: what the rig states of it, so that x is the change.
 
     Of a periodic effect the coordinate of role "cosine" is amplitude cos(phase) and that of role
     "sine", which follows it, amplitude sin(phase).
@@ -44,16 +44,17 @@ class Coordinate:
     high: float
     step: float = DIFFERENCE_STEP
     least: float = 0.0
+    stated: float = 0.0
     prior: bool = False  # a nuisance parameter under a standard normal prior
     # "plain"; "cosine" or "sine": amplitude times cos or sin of the phase; "logarithm": theta is
     # origin * exp(factor * x)
     role: str = "plain"
-    physical: str = ""  # bounds that are limits of physics: "low", "high", "both" (0 always is one)
+    physical: str = ""  # bounds that are limits of physics: "low", "high", "both"
     local: bool = False  # rows of one place alone show it: every fold keeps the value of all rows
 
     def ends_at_search_bound(self, x: float) -> bool:
         """Whether a value lies at a bound that only limits the search."""
-        at_low = x <= self.low and self.low != 0.0 and self.physical not in ("low", "both")
+        at_low = x <= self.low and self.physical not in ("low", "both")
         return at_low or (x >= self.high and self.physical not in ("high", "both"))
 
     def step_at(self, x: float) -> float:
@@ -112,7 +113,7 @@ class Hypothesis:
             if c.role == "plain":
                 value = np.where(np.abs(x[:, i]) < c.least, 0.0, x[:, i])
                 for column, factor in zip(c.columns, c.factors, strict=True):
-                    out[:, column] = c.origin + factor * value
+                    out[:, column] = c.origin + factor * (c.stated + value)
             elif c.role == "logarithm":
                 out[:, c.columns[0]] = c.origin * np.exp(c.factors[0] * x[:, i])
             elif c.role == "cosine":
