@@ -114,30 +114,33 @@ def test_the_prior_density_of_a_set_is_the_product_over_its_members() -> None:
     assert search.prior_density(state, one) > 0.0  # the odds of two such sets stay finite
 
 
-def test_the_size_of_an_effect_that_the_rig_states_is_its_change() -> None:
-    """The rig's own value is certain; of a limit there is no change, and its value counts."""
-    toy = Toy({})
+@pytest.mark.parametrize("effect", ["added_inertia", "magnetic_saturation"])
+def test_the_size_of_an_effect_that_the_rig_states_is_its_change(effect: str) -> None:
+    """The rig's own value is certain, however far from plausible; of a limit the change of its
+    reciprocal counts.
+    """
+    toy, leading = Toy({}), BY_ID[effect].leading
+    column, plausible = toy.index(BY_ID[effect].name(leading)), leading.plausible(SCALES)
     state = SimpleNamespace(problem=toy, engine=Engine(toy, SCALES, {}))
-    limit = BY_ID["magnetic_saturation"]
-    plausible = ADDED.leading.plausible(SCALES)
+    stated, changed = 20.0 * plausible, (20.0 - np.sqrt(3.0)) * plausible
+    if leading.neutral != 0.0:
+        stated, changed = plausible**2 / stated, plausible**2 / changed
     toy.theta0 = toy.theta0.copy()
-    toy.theta0[toy.index(ADDED.name(ADDED.leading))] = 20.0 * plausible
-    toy.theta0[toy.index(limit.name(limit.leading))] = limit.leading.plausible(SCALES)
+    toy.theta0[column] = stated
     theta = toy.theta0.copy()
-    of = [SimpleNamespace(ids=(e.id,), theta=lambda _: theta) for e in (ADDED, limit)]
-    assert search.prior_density(state, of[0]) == 1.0
-    assert search.prior_density(state, of[1]) == pytest.approx((4.0 / 3.0) ** -2.0)
-    theta[toy.index(ADDED.name(ADDED.leading))] -= np.sqrt(3.0) * plausible
-    assert search.prior_density(state, of[0]) == pytest.approx(0.25)
+    one = SimpleNamespace(ids=(effect,), theta=lambda _: theta)
+    assert search.prior_density(state, one) == 1.0
+    theta[column] = changed
+    assert search.prior_density(state, one) == pytest.approx(0.25)
 
 
 def test_of_a_limit_small_values_are_odd() -> None:
     """A saturation acts at small currents where its limit is small."""
     effect = BY_ID["magnetic_saturation"]
     plausible = effect.leading.plausible(SCALES)
-    assert effect.implausibility(plausible, SCALES) == pytest.approx(1.0)
-    assert effect.implausibility(0.1 * plausible, SCALES) == pytest.approx(10.0)
-    assert effect.implausibility(10.0 * plausible, SCALES) == pytest.approx(0.1)
+    assert effect.implausibility(plausible, SCALES, 0.0) == pytest.approx(1.0)
+    assert effect.implausibility(0.1 * plausible, SCALES, 0.0) == pytest.approx(10.0)
+    assert effect.implausibility(10.0 * plausible, SCALES, 0.0) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.id)
@@ -146,8 +149,10 @@ def test_the_typical_size_of_an_effect_is_plausible(effect: object) -> None:
         return
     size = effect.leading.size(SCALES)
     assert effect.leading.plausible(SCALES) > 0.0
-    assert effect.implausibility(size, SCALES) < 5.0
-    assert effect.implausibility(-size, SCALES) == effect.implausibility(size, SCALES)
+    assert effect.implausibility(size, SCALES, 0.0) < 5.0
+    for other, stated in ((-size, 0.0), (2.0 * size, size), (0.0, -size)):
+        same = effect.implausibility(size, SCALES, 0.0)
+        assert effect.implausibility(other, SCALES, stated) == pytest.approx(same)
 
 
 @pytest.mark.parametrize(("sensors", "clock"), [({}, UNKNOWN), ({"clock_ppm": 100}, CRYSTAL)])
@@ -281,7 +286,8 @@ def test_a_bound_at_which_a_fit_ends_is_widened_unless_it_is_a_range(
 
 
 @pytest.mark.parametrize(
-    ("effect", "stated", "low"), [("quadratic_drag", 3e-9, 0.0), ("speed_gain", -0.04, -0.5)]
+    ("effect", "stated", "low"),
+    [("quadratic_drag", 3e-9, 0.0), ("speed_gain", -0.04, -0.5), ("speed_gain", -0.7, -0.7)],
 )
 def test_of_a_size_that_the_rig_states_the_change_is_fitted(
     effect: str, stated: float, low: float

@@ -202,6 +202,25 @@ def test_whitened_residuals_replace_an_established_set_by_no_smaller_one(
     assert all(state.fits[key(f.ids)] is f for f in found.rivals)
 
 
+@pytest.mark.parametrize("gains", [False, True])
+def test_a_general_law_is_named_where_it_gains_its_share(
+    gains: bool, far_search: Search, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In whitened residuals, over its special case in the residuals as they are."""
+
+    def established(search: Search, best: Fit, _: object) -> Fit:
+        law = "coulomb_friction" if search is far_search else "asymmetric_friction"
+        return fit_set(search, (law,), best)
+
+    monkeypatch.setattr(decision, "established_set", established)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
+    monkeypatch.setattr(decision, "established_rivals", lambda *_: [])
+    monkeypatch.setattr(Search, "gains_share", lambda *_: gains)
+    monkeypatch.setattr(Search, "reported_gap", lambda *_: 1.0)
+    found = decision.established_part(Selection(far_search, far_search.retuned, []), {})
+    assert found.best.ids == (("asymmetric_friction",) if gains else ("coulomb_friction",))
+
+
 @pytest.mark.parametrize("in_whitened", [False, True])
 def test_a_tied_special_case_is_the_established_part(
     in_whitened: bool, far_search: Search, monkeypatch: pytest.MonkeyPatch

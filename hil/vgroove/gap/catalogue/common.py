@@ -19,8 +19,8 @@ PHASE = Parameter("phase_rad", "rad", constant(1.0), reported=False, key=ANY.opt
 def relative(
     size: float, bound: float = 0.9, high: float | None = None, plausible: float = 0.1
 ) -> Parameter:
-    """A factor 1 + relative on a value of the rig, searched within +-bound, or up to high. -1, a
-    value of 0, is no limit that a tool reaches.
+    """A factor 1 + relative on a value of the rig, searched within +-bound, or up to high. At a
+    factor near 0 the model has lost the value: a fit that ends there has found no size.
     """
     return Parameter(
         "relative",

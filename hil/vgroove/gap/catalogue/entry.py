@@ -64,6 +64,13 @@ class Scales:
         return self.least.get(key, 1.0)
 
 
+def _inverse(limit: float) -> float:
+    """The reciprocal of a limit or a stiffness; 0 where it is off, which the plant's parameters
+    hold as 0.
+    """
+    return 1.0 / limit if limit > 0.0 else 0.0
+
+
 OfScales = Callable[[Scales], float]
 
 
@@ -279,16 +286,17 @@ class Effect:
         """Name in the plant's parameter vector."""
         return f"effects.{parameter.key_of or self.id}.{parameter.name}"
 
-    def implausibility(self, value: float, scales: Scales) -> float:
-        """Size of the effect's leading parameter in units of its plausible scale, inverted where
-        the effect is off at infinity: values far above 1 are implausible; 0 without such a scale.
+    def implausibility(self, value: float, scales: Scales, stated: float) -> float:
+        """Change of the effect's leading parameter from the value that the rig states, or from that
+        with the effect off, in units of its plausible scale: values far above 1 are implausible; 0
+        without such a scale. Of a limit or a stiffness the change of the reciprocal counts.
         """
         if self.leading.plausible is None:
             return 0.0
         plausible = self.leading.plausible(scales)
         if self.leading.neutral == OFF_AT_INFINITY:
-            return plausible / value if value > 0.0 else inf
-        return abs(value) / plausible
+            return plausible * abs(_inverse(value) - _inverse(stated))
+        return abs(value - stated) / plausible
 
     def beside(self, ids: Iterable[str]) -> tuple[Parameter, ...]:
         """Parameters that are fitted for it in a set with the effects `ids`: those that are no keys

@@ -144,6 +144,7 @@ class HypothesisBuilder:
             high *= factor
         is_change = effect.id in self.present and parameter.neutral == 0.0 and not effect.has_phase
         stated = float(self.problem.theta0[column]) / size if is_change else 0.0
+        low, high = min(low, stated), max(high, stated)
         coordinate = Coordinate(
             name,
             (column,),

@@ -271,7 +271,7 @@ def _held_states(run: HeldRun, errors: SensorErrors) -> np.ndarray:
 
 def balance_problem(problem: Problem) -> BalanceProblem | None:
     """The torque balance of a problem's logs; None where a log shows no motion besides Hall edges,
-    has too few rows, or is never driven.
+    has too few rows, or a driving column that is 0 throughout.
     """
     from vgroove.gap.residual.loading import join_runs
 

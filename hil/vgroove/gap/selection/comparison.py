@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.catalogue import Effect
+from vgroove.gap.catalogue import BY_ID, Effect
 from vgroove.gap.cleaning.missing_values import has_values
 from vgroove.gap.fitting.covariance import white_noise_half_widths
 from vgroove.gap.fitting.engine import Engine
@@ -21,6 +21,7 @@ from vgroove.gap.residual.problem import Problem, SignalInfo
 from vgroove.gap.residual.torque_balance import BalanceProblem, balance_problem
 from vgroove.gap.selection.intervals import estimate_of
 from vgroove.gap.selection.options import DiagnosisOptions
+from vgroove.gap.selection.search import MIN_PRIOR, size_density
 from vgroove.gap.selection.search_state import COMPARISON, Search, begin
 
 FORWARD, BALANCE = "forward simulation", "torque balance"
@@ -34,9 +35,7 @@ SHIFTS = frozenset({"transport_delay"})
 # the effects by whose intervals the two comparisons are ranked: almost every machine shows them,
 # and both comparisons estimate them
 REFERENCE_EFFECTS = ("coulomb_friction", "viscous_friction")
-# what a rig most often misstates besides: without it, a simulation with a wrong inertia seems to be
-# no prediction
-WITH_INERTIA = (*REFERENCE_EFFECTS, "added_inertia")
+INERTIA = "added_inertia"  # which a rig may misstate besides
 
 
 @dataclass(frozen=True)
@@ -80,10 +79,10 @@ def begin_in_better_comparison(
     if not any(has_measured_motion(signal) for signal in problem.signals):
         return search
     reference = reference_fit(search)
-    if reference is None:
+    if reference is None or not forward_simulation_fails(search, problem, reference):
         return search
-    with_inertia = reference_fit(search, WITH_INERTIA) or reference
-    if not forward_simulation_fails(search, problem, reference, with_inertia):
+    with_inertia = reference_fit_with_inertia(search)
+    if with_inertia is not None and not forward_simulation_fails(search, problem, with_inertia):
         return search
     balance = balance_problem(problem)
     if balance is None:
@@ -123,13 +122,22 @@ def reference_fit(search: Search, ids: Sequence[str] = REFERENCE_EFFECTS) -> Fit
     return search.engine.fit(search.engine.hypotheses(found), COMPARISON.max_rounds)[0]
 
 
-def forward_simulation_fails(search: Search, problem: Problem, *references: Fit) -> bool:
-    """Whether the forward simulation of a speed or angle is no prediction (ComparisonRules), with
-    none of the reference fits. Speeds made from Hall edges are left out: they give no torque
-    balance.
+def reference_fit_with_inertia(search: Search) -> Fit | None:
+    """The reference effects fitted together with an added inertia; None where this is no effect of
+    the search, or its size is implausible: of a rotor that is heavy enough the simulation predicts
+    the speed at the restart, whatever the input.
     """
-    nominal = error_shares(problem, search.nominal.out_of_fold)
-    left = np.min([error_shares(problem, f.out_of_fold) for f in references], axis=0)
+    one = reference_fit(search, (*REFERENCE_EFFECTS, INERTIA))
+    if one is None or size_density(search, one, BY_ID[INERTIA]) < MIN_PRIOR:
+        return None
+    return one
+
+
+def forward_simulation_fails(search: Search, problem: Problem, reference: Fit) -> bool:
+    """Whether the forward simulation of a speed or angle is no prediction (ComparisonRules). Speeds
+    made from Hall edges are left out: they give no torque balance.
+    """
+    nominal, left = (error_shares(problem, f.out_of_fold) for f in (search.nominal, reference))
     floor = error_shares(problem, np.ones(problem.n))
     return any(
         floor[k] > RULES.max_input_share

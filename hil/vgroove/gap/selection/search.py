@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.catalogue import BY_ID, FRICTION_LAWS, LESS_LIKELY, contains
-from vgroove.gap.catalogue.entry import OFF_AT_INFINITY
+from vgroove.gap.catalogue import BY_ID, FRICTION_LAWS, LESS_LIKELY, Effect, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.backward import backward, drop_form_corrections
 from vgroove.gap.selection.beam import search_from_several_sets
@@ -221,18 +220,21 @@ def prior_excludes(search: Search, rival: Fit, best: Fit) -> bool:
 
 
 def prior_density(search: Search, one: Fit) -> float:
-    """Prior density of the sizes of a set's members, relative to that at 0: for each Student's t of
-    3 degrees of freedom in units of the size that the catalogue calls plausible. Of an effect that
-    the rig states already the change is its size.
+    """Prior density of the sizes of a set's members, relative to that of no change of the rig."""
+    density = np.prod([size_density(search, one, BY_ID[i]) for i in one.ids])
+    return max(float(density), np.finfo(float).tiny)
+
+
+def size_density(search: Search, one: Fit, effect: Effect) -> float:
+    """Prior density of the size of a member, relative to that at 0: Student's t of 3 degrees of
+    freedom in units of the size that the catalogue calls plausible. Of an effect that the rig
+    states already the change is its size.
     """
-    stated, scales = search.problem.theta0, search.engine.scales
-    theta, density = one.theta(stated), 1.0
-    for effect in (BY_ID[i] for i in one.ids):
-        column = search.problem.index(effect.name(effect.leading))
-        is_size = effect.leading.neutral != OFF_AT_INFINITY
-        value = float(theta[column] - stated[column] if is_size else theta[column])
-        density *= (1.0 + effect.implausibility(value, scales) ** 2 / 3.0) ** -2.0
-    return max(density, np.finfo(float).tiny)
+    stated = search.problem.theta0
+    column = search.problem.index(effect.name(effect.leading))
+    value = float(one.theta(stated)[column])
+    distance = effect.implausibility(value, search.engine.scales, float(stated[column]))
+    return float((1.0 + distance**2 / 3.0) ** -2.0)
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:

@@ -118,6 +118,7 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     """
     search = selection.search
     part = known_members(search, established_set(search, selection.best, covariates))
+    plain, plain_rivals = leanest_established(selection, part, covariates)
     other = select_whitened(search) if part.ids else None
     if other is not None:
         found = known_members(other.search, established_set(other.search, other.best, covariates))
@@ -125,10 +126,10 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
             found, rivals = leanest_established(other, found, covariates)
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
             more = len(found.ids) > len(part.ids)
-            general = contains(best.ids, part.ids) and not search.gains_share(best, part)
+            general = contains(best.ids, plain.ids) and not search.gains_share(best, plain)
             if more or (not general and search.reported_gap(best) <= search.reported_gap(part)):
                 return Established(best, rivals, other.search)
-    return Established(*leanest_established(selection, part, covariates), search)
+    return Established(plain, plain_rivals, search)
 
 
 def leanest_established(
