@@ -135,16 +135,11 @@ class HypothesisBuilder:
         """Of a size that the rig states the fitted number is the change."""
         name, size = effect.name(parameter), parameter.size(self.scales)
         column = self.problem.index(effect.column(parameter))
-        low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
-        factor = self.widening.get(name, 1.0)
-        if parameter.physical not in ("low", "both"):
-            low = low * factor if low < 0.0 else low / factor
-            low = max(low, parameter.widest_low / size)
-        if parameter.physical not in ("high", "both"):
-            high *= factor
+        low, high = self._bounds(parameter, name, size)
         is_change = effect.id in self.present and parameter.neutral == 0.0 and not effect.has_phase
         stated = float(self.problem.theta0[column]) / size if is_change else 0.0
-        low, high = min(low, stated), max(high, stated)
+        if is_change:
+            low, high = min(low, stated), max(high, stated)
         coordinate = Coordinate(
             name,
             (column,),
@@ -165,6 +160,17 @@ class HypothesisBuilder:
         if effect.id in self.present:
             return coordinate, (float(self.problem.theta0[column]) / size,)
         return coordinate, tuple(dict.fromkeys(min(max(x, low), high) for x in parameter.starts))
+
+    def _bounds(self, parameter: Parameter, name: str, size: float) -> tuple[float, float]:
+        """Bounds of the search, in units of size."""
+        low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
+        factor = self.widening.get(name, 1.0)
+        if parameter.physical not in ("low", "both"):
+            low = low * factor if low < 0.0 else low / factor
+            low = max(low, parameter.widest_low / size)
+        if parameter.physical not in ("high", "both"):
+            high *= factor
+        return low, high
 
     def _constant_torque(self, effect: Effect) -> Coordinate:
         """The effect as a constant torque: its second parameter is minus its first one."""
