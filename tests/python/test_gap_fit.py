@@ -312,8 +312,8 @@ def test_a_certain_number_lends_no_degrees_of_freedom_to_another() -> None:
 
 @pytest.mark.parametrize("least", [0.0, -1e-320, 1e-320, 1e-300])
 def test_numbers_that_do_not_vary_leave_the_degrees_of_freedom_finite(least: float) -> None:
-    """A number that every fold leaves at its limit has no variance; by rounding errors it may have
-    a tiny or a negative one.
+    """If the fit of every fold ends at a parameter's bound, the variance of the parameter is 0, or,
+    by rounding errors, tiny or negative.
     """
     scattered = np.diag([2.0, least])
     scattered[0, 1] = scattered[1, 0] = 1e-170 if least else 0.0

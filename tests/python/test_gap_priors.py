@@ -292,7 +292,9 @@ def test_a_bound_at_which_a_fit_ends_is_widened_unless_it_is_a_range(
 def test_of_a_size_that_the_rig_states_the_change_is_fitted(
     effect: str, stated: float, low: float
 ) -> None:
-    """It starts at the rig's value; a drag of 0 is a limit of physics, wherever the rig begins."""
+    """The fit starts at the rig's value. A drag coefficient of 0 is a limit of physics, also where
+    the rig states a positive one.
+    """
     toy, name = Toy({}), BY_ID[effect].name(BY_ID[effect].leading)
     toy.theta0 = toy.theta0.copy()
     toy.theta0[toy.index(name)] = stated

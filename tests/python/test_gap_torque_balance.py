@@ -298,7 +298,7 @@ def test_the_forward_simulation_fails_where_the_driving_column_makes_the_speed_u
 
 
 def begin(log: MadeLog, tool: Rig, ids: tuple[str, ...] = FRICTIONS) -> Search:
-    """A search for effects in the forward simulation."""
+    """A new search for the effects `ids`, which compares the log with the forward simulation."""
     problem = load_problem([log], tool)
     engine = Engine(problem, effect_scales(problem), {})
     return search_state.begin(engine, [BY_ID[i] for i in ids], ONLY_FRICTIONS)
@@ -310,8 +310,8 @@ def compared_by(log: MadeLog, tool: Rig) -> str:
 
 
 def test_a_wrong_inertia_is_no_failure_of_the_forward_simulation() -> None:
-    """A current swings a rotor whose inertia the rig states at 0.22 of the true one: the rig's
-    model is worse than none, and frictions do not mend it.
+    """A sinusoidal current drives a motor of which the rig states 0.22 of the true inertia. Its
+    model predicts worse than the constant 0, also with fitted frictions.
     """
     true = tool_of("current_a")
     log = simulated_log(true, 10.0 * np.sin(2.0 * np.pi * 8.0 * TIME_S))

@@ -206,7 +206,9 @@ def test_whitened_residuals_replace_an_established_set_by_no_smaller_one(
 def test_a_general_law_is_named_where_it_gains_its_share(
     gains: bool, far_search: Search, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In whitened residuals, over its special case in the residuals as they are."""
+    """Whitened residuals establish an asymmetric friction, the residuals as they are a Coulomb
+    friction, which is its special case.
+    """
 
     def established(search: Search, best: Fit, _: object) -> Fit:
         law = "coulomb_friction" if search is far_search else "asymmetric_friction"

@@ -109,7 +109,7 @@ def test_a_log_of_new_samples_contradicts_the_others_of_its_tool() -> None:
 
 @pytest.mark.parametrize(("rows", "left"), [(1, 100), (2, 100), (4, 100)])
 def test_logs_of_one_tool_may_have_different_rows(rows: int, left: int) -> None:
-    """A sensor that answers every 20 ms, in logs with a row every 5, 10 or 20 ms."""
+    """Two logs of a sensor that is sampled every 20 ms: rows every 5 ms, and every 5, 10 or 20."""
     whole = log_of(polled(wave(), 4))
     found = remove_held_samples([whole, every(whole, rows)], tool())
     assert [kept(log) for log in found] == [100, left]

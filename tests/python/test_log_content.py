@@ -72,7 +72,9 @@ def test_the_slow_rows_of_a_run_up_resolve_more_periods_than_the_fast_ones() -> 
 
 
 def fast_motor(held_rows: int = 1) -> SimpleNamespace:
-    """A motor at 600 turns a second, a row every 27 ms, a sample in every held_rows-th of them."""
+    """A log with a row every 27 ms of a motor at 600 turns per second. held_rows: rows between two
+    samples of the speed.
+    """
     fast = problem(1.0)
     time_s = 0.027 * np.arange(100.0)
     fast.logs[0].time_s = time_s

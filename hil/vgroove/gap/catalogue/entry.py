@@ -64,13 +64,6 @@ class Scales:
         return self.least.get(key, 1.0)
 
 
-def _inverse(limit: float) -> float:
-    """The reciprocal of a limit or a stiffness; 0 where it is off, which the plant's parameters
-    hold as 0.
-    """
-    return 1.0 / limit if limit > 0.0 else 0.0
-
-
 OfScales = Callable[[Scales], float]
 
 
@@ -178,6 +171,13 @@ class Separation:
     other: str
     run: str
     reason: str
+
+
+def _inverse(limit: float) -> float:
+    """The reciprocal of a limit or a stiffness; 0 where it is off, which the plant's parameters
+    hold as 0.
+    """
+    return 1.0 / limit if limit > 0.0 else 0.0
 
 
 @dataclass(frozen=True)

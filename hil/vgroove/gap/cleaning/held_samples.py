@@ -51,8 +51,8 @@ def remove_held_samples(logs: Sequence[Log], rig: Rig) -> list[Log]:
 
 
 def rows_of_samples(logs: Sequence[Log], name: str) -> list[int]:
-    """Rows in which each sample of a column is written, of each log; 1 where the rows hold new
-    samples, and of all where one log shows that the sensor is faster than in the others.
+    """For each log, the number of rows that hold the same sample of a column; 1 if every row is a
+    new sample. It is 1 for all logs if one of them shows that the sensor is faster.
     """
     own = [sample_period_s(log, name) for log in logs]
     held = [period for period in own if period]
@@ -105,8 +105,8 @@ def repeated_rows(values: np.ndarray, rows: int) -> np.ndarray:
 
 
 def _without_repeats(log: Log, slow: Mapping[str, int]) -> Log:
-    """The log with the repeats in its columns as nan. slow: by column the number of rows in which
-    each sample is written.
+    """The log with nan in place of repeated values. slow: by column, the number of rows that hold
+    the same sample.
     """
     masks = {name: repeated_rows(_values(log, name), rows) for name, rows in slow.items()}
     masks = {name: again for name, again in masks.items() if again.any()}

@@ -132,12 +132,15 @@ class HypothesisBuilder:
     def _of_parameter(
         self, effect: Effect, parameter: Parameter, known: dict[str, float]
     ) -> Started:
-        """Of a size that the rig states the fitted number is the change."""
+        """The fitted number of a parameter and its start values. If the rig states the effect
+        already, a size is fitted as the change from the stated one.
+        """
         name, size = effect.name(parameter), parameter.size(self.scales)
         column = self.problem.index(effect.column(parameter))
         low, high = self._bounds(parameter, name, size)
         is_change = effect.id in self.present and parameter.neutral == 0.0 and not effect.has_phase
-        stated = float(self.problem.theta0[column]) / size if is_change else 0.0
+        of_rig = float(self.problem.theta0[column]) / size
+        stated = of_rig if is_change else 0.0
         if is_change:
             low, high = min(low, stated), max(high, stated)
         coordinate = Coordinate(
@@ -155,10 +158,8 @@ class HypothesisBuilder:
         )
         if name in known:
             return coordinate, (known[name],)
-        if is_change:
-            return coordinate, (0.0,)
         if effect.id in self.present:
-            return coordinate, (float(self.problem.theta0[column]) / size,)
+            return coordinate, (of_rig - stated,)
         return coordinate, tuple(dict.fromkeys(min(max(x, low), high) for x in parameter.starts))
 
     def _bounds(self, parameter: Parameter, name: str, size: float) -> tuple[float, float]:
@@ -181,7 +182,9 @@ class HypothesisBuilder:
 
 
 def _physical_bounds(parameter: Parameter, low: float) -> str:
-    """Which bounds of a parameter are limits of physics; a lower one of 0 always is."""
+    """The bounds of a parameter that are limits of physics: "low", "high", "both" or "". A lower
+    bound of 0 always is one.
+    """
     if low != 0.0 or parameter.physical in ("low", "both"):
         return parameter.physical
     return "both" if parameter.physical else "low"

@@ -115,7 +115,7 @@ def effects_in_balance(balance: BalanceProblem, effects: Sequence[Effect]) -> li
 
 
 def reference_fit(search: Search, ids: Sequence[str] = REFERENCE_EFFECTS) -> Fit | None:
-    """The effects `ids` fitted together; None where the logs cannot show them."""
+    """The fit of the effects `ids` together; None if the search does not have all of them."""
     found = [e for e in search.effects if e.id in ids]
     if len(found) < len(ids):
         return None

@@ -87,7 +87,9 @@ def resolved_periods(problem: Problem) -> float:
 
 
 def turns_between_samples(problem: Problem) -> Iterator[np.ndarray]:
-    """Turns (k,) of the motor from one compared sample of each log to the next, while it moves."""
+    """For each log, the turns (k,) of the motor between neighbouring compared samples, while the
+    motor moves.
+    """
     slowest = MOVING_SHARE * np.abs(all_speeds(problem)).max()
     for j, log in enumerate(problem.logs):
         time_s = np.asarray(log.time_s, float)
@@ -99,9 +101,9 @@ def turns_between_samples(problem: Problem) -> Iterator[np.ndarray]:
 
 
 def periods_of_rows(turns: np.ndarray) -> float:
-    """Largest number of periods a motor turn that rows resolve. turns (k,): motor turns from each
-    row to the next. With that many periods, MIN_PERIODS of them pass in the rows in which at most
-    one passes.
+    """Largest number of periods per motor turn that rows can show. turns (k,): the motor turns
+    between neighbouring rows. Only row intervals in which at most one period passes count, and
+    MIN_PERIODS must pass in these.
     """
     turns = np.sort(turns)
     shown = np.cumsum(turns) >= MIN_PERIODS * turns

@@ -220,7 +220,7 @@ def prior_excludes(search: Search, rival: Fit, best: Fit) -> bool:
 
 
 def prior_density(search: Search, one: Fit) -> float:
-    """Prior density of the sizes of a set's members, relative to that of no change of the rig."""
+    """Prior probability density of the sizes of a set's effects, divided by that at sizes of 0."""
     density = np.prod([size_density(search, one, BY_ID[i]) for i in one.ids])
     return max(float(density), np.finfo(float).tiny)
 

@@ -71,8 +71,8 @@ class Member:
 
     @property
     def closed_reported(self) -> float:
-        """Share that the member closes of the reported gap of the set without it; 0 unless that gap
-        is far from the noise.
+        """Share of the reported gap of the set without the member that the member closes; 0 if that
+        gap is near the noise.
         """
         return self.search.closed_far_share(self.best, self.without)
 
