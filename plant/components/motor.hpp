@@ -51,6 +51,15 @@ template <class V> VGROOVE_INLINE V motor_constant(const Motor<V> &p, std::uint3
     return p.constant / (1.0 + share * share);
 }
 
+// Derivative of the torque constant by the current, N m/A^2
+template <class V>
+VGROOVE_INLINE V motor_constant_slope(const Motor<V> &p, std::uint32_t effects, V i) {
+    if (!(effects & EFFECT_MAGNETIC_SATURATION))
+        return V{};
+    const V share = i * p.saturation_inverse, sum = 1.0 + share * share;
+    return -2.0 * share * p.saturation_inverse * p.constant / (sum * sum);
+}
+
 // Resistance R (1 + 0.0039 D), D: temperature of the winding above its cold state, K
 template <class V, int N>
 VGROOVE_INLINE V motor_resistance(const Motor<V> &p, std::uint32_t effects, const State<V, N> &s) {

@@ -1,8 +1,9 @@
 // Step of the drivetrain where it is stiff, so that an explicit method would need very short steps:
 // brushes and dead time around 0 A, tiny inductances and time constants.
 //
-// ROS34PW2 (numeric/rosenbrock.hpp) with the diagonal of the Jacobian for current, speed and
-// filters, so that no system of equations has to be solved.
+// ROS34PW2 (numeric/rosenbrock.hpp) with the Jacobian of winding and shaft, a 2 x 2 matrix, and the
+// diagonal for the filters, so that no larger system of equations has to be solved. Without the
+// coupling of current and speed the slow motion behind a fast winding needs many times the steps.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 
@@ -15,14 +16,15 @@ namespace vgroove {
 constexpr double STIFF_STEP = 1.2;
 constexpr double STIFF_STRETCH = 64.0;
 
-// Rate at which each state decays by itself, 1/s; 0 where it is never fast.
-template <class V> struct Rates { V current, speed, current_filter, speed_filter; };
+// Rate at which each state decays by itself, 1/s; 0 where it is never fast. back: by which the
+// current falls with the speed, A/s per rad/s; drive: by which the speed rises with the current.
+template <class V> struct Rates { V current, speed, current_filter, speed_filter, back, drive; };
 
 template <class V, int N>
 VGROOVE_INLINE V rate_of_current(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode,
                                  const State<V, N> &s) {
     const Electrical<V> e = drivetrain_electrical<V, N>(m, in, mode, V{}, s);
-    V ohm = e.r;
+    V ohm = e.r + motor_constant_slope<V>(m.motor, m.effects, e.i) * s.x[STATE_SPEED];
     if (m.input == InputKind::DUTY)
         ohm += m.bridge.resistance_ohm +
                (m.bus_measured ? V{} : m.supply.resistance_ohm * e.duty * e.duty);
@@ -40,8 +42,13 @@ template <class V, int N>
 VGROOVE_INLINE Rates<V> stiff_rates(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode,
                                     const State<V, N> &s) {
     Rates<V> r{};
-    if (m.input != InputKind::CURRENT)
-        r.current = rate_of_current<V, N>(m, in, mode, s);
+    if (m.input != InputKind::CURRENT) {
+        const V i = s.x[STATE_CURRENT], k = motor_constant<V>(m.motor, m.effects, i);
+        const V torque_slope = k + i * motor_constant_slope<V>(m.motor, m.effects, i);
+        r.current = max_of<V>(rate_of_current<V, N>(m, in, mode, s), V{});
+        r.back = (in.open > 0.0) & (mode.diode == 0.0) ? V{} : k * m.motor.inductance_inverse;
+        r.drive = mode.slide * mode.slide * torque_slope * m.gear.inertia_inverse;
+    }
     V drag = abs_of<V>(m.friction.viscous);
     if (!(m.effects & EFFECT_TWO_BODIES))
         drag += max_of<V>(load_speed_slope<V>(m.load, s.x[STATE_SPEED]), V{});
@@ -57,13 +64,25 @@ template <class V> VGROOVE_INLINE V fastest_rate(const Rates<V> &r) {
     return max_of<V>(max_of<V>(r.current, r.speed), max_of<V>(r.current_filter, r.speed_filter));
 }
 
+// Slopes of current and speed, coupled by torque and back EMF
+template <class V, int N>
+VGROOVE_INLINE void stiff_motor_slopes(const Rates<V> &r, V h, const State<V, N> &f,
+                                       const State<V, N> &sum, State<V, N> &k) {
+    const V g = Ros34pw2::GAMMA * h;
+    const V sum_i = sum.x[STATE_CURRENT], sum_w = sum.x[STATE_SPEED];
+    const V right_i = f.x[STATE_CURRENT] - h * (r.current * sum_i + r.back * sum_w),
+            right_w = f.x[STATE_SPEED] + h * (r.drive * sum_i - r.speed * sum_w);
+    const V own_i = 1.0 + g * r.current, own_w = 1.0 + g * r.speed;
+    const V inverse = 1.0 / (own_i * own_w + g * g * r.back * r.drive);
+    k.x[STATE_CURRENT] = inverse * (own_w * right_i - g * r.back * right_w);
+    k.x[STATE_SPEED] = inverse * (own_i * right_w + g * r.drive * right_i);
+}
+
 template <class V, int N>
 VGROOVE_INLINE State<V, N> stiff_slope(const Rates<V> &r, V h, const State<V, N> &f,
                                        const State<V, N> &sum) {
     State<V, N> k = f;
-    k.x[STATE_CURRENT] =
-        rosenbrock_slope<V>(f.x[STATE_CURRENT], h, r.current, sum.x[STATE_CURRENT]);
-    k.x[STATE_SPEED] = rosenbrock_slope<V>(f.x[STATE_SPEED], h, r.speed, sum.x[STATE_SPEED]);
+    stiff_motor_slopes<V, N>(r, h, f, sum, k);
     if constexpr (N > STATE_CORE_COUNT) {
         k.x[STATE_CURRENT_FILTER] = rosenbrock_slope<V>(
             f.x[STATE_CURRENT_FILTER], h, r.current_filter, sum.x[STATE_CURRENT_FILTER]);

@@ -10,6 +10,7 @@ from vgroove import _core
 from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.restarts import RESTART, restart_interval_s
+from vgroove.gap.selection.log_content import shown_effects
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 from vgroove.gap.verdict.row_delay import row_delay_remarks
 from vgroove.rig import Rig, rig_from_dict
@@ -137,3 +138,16 @@ def test_a_delay_of_one_row_is_remarked_with_what_to_put_into_the_rig(
     remarks = row_delay_remarks(fitted, 0.001, after)
     assert bool(remarks) == said and all('hold = "after"' in remark for remark in remarks)
     assert row_delay_remarks({}, 0.001, False) == []
+
+
+@pytest.mark.parametrize(
+    ("row_s", "shown"), [(0.01, True), (0.5, True), (0.7, False), (3.0, False)]
+)
+def test_a_coupler_is_looked_for_where_the_rows_resolve_its_slowest_oscillation(
+    row_s: float, shown: bool
+) -> None:
+    """10 rad/s: a period of 0.63 s."""
+    problem = load_problem([slow_log(row_s)], slow_tool())
+    ids = {effect.id for effect in shown_effects(problem, frozenset())}
+    assert ("coupler_compliance" in ids) == shown
+    assert "added_inertia" in ids

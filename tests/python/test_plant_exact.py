@@ -346,3 +346,34 @@ def test_a_start_without_a_current_begins_at_the_steady_state(seed: int) -> None
     begun = core.simulate_log(log, theta, first, np.array([[np.nan, speed, 0.0]]))
     expected = settled["current_a"][0, -1]
     assert begun["current_a"][0, [0, -1]] == pytest.approx(expected, rel=1e-6, abs=1e-4)
+
+
+STIFF_EFFECTS = {
+    "stribeck_friction": lambda rng: {
+        "breakaway_nm": rng.uniform(0.01, 0.1),
+        "speed_rad_s": rng.uniform(5.0, 60.0),
+    },
+    "quadratic_drag": lambda rng: {"nm_s2_per_rad2": 10 ** rng.uniform(-6.5, -5.0)},
+    "magnetic_saturation": lambda rng: {"saturation_a": rng.uniform(3.0, 20.0)},
+    "brush_drop": lambda rng: {"voltage_v": rng.uniform(0.2, 2.0)},
+}
+
+
+@pytest.mark.parametrize("effect", sorted(STIFF_EFFECTS))
+@pytest.mark.parametrize("seed", range(12))
+def test_the_motion_behind_a_fast_winding_is_followed_in_few_steps(effect: str, seed: int) -> None:
+    """A motor whose winding settles within 10 to 800 us under rows of 10 ms to 1 s: close to the
+    same run with a tolerance of 1e-10 of the scale, which must not use up its budget of steps.
+    """
+    rng = np.random.default_rng([seed, 7])
+    tool = ref.Tool(voltage=16.0, r=1.2, l=10 ** rng.uniform(-5.0, -3.0), k=0.077, tc=0.0, n=1.0)
+    tool.j, tool.j_out, tool.b = 10 ** rng.uniform(-5.0, -3.3), 0.0, 10 ** rng.uniform(-5.0, -3.5)
+    tool.effects = {effect: STIFF_EFFECTS[effect](rng)}
+    duty = np.repeat(rng.uniform(-0.9, 0.9, 20), 4)
+    log = core.LogInput(np.arange(80) * 10 ** rng.uniform(-2.0, 0.0), "duty", duty)
+    run = log, theta_of(tool)[None, :], np.array([0]), np.zeros((1, 3)), 1
+    found = core.simulate_log(*run)
+    close = core.simulate_log(*run, solver="adaptive", tolerance=1e-10)
+    for column in ("speed_rad_s", "current_a"):
+        scale = np.abs(close[column]).max()
+        assert np.abs(found[column] - close[column]).max() < 2e-5 * scale

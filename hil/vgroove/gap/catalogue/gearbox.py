@@ -1,5 +1,7 @@
 """Effects of the gear and of the coupling behind it."""
 
+from math import pi
+
 from .common import PHASE, torque
 from .entry import (
     OFF_AT_INFINITY,
@@ -88,6 +90,22 @@ COUPLER_BEFORE_JOINT = (
     ),
 )
 
+# Natural frequencies, rad/s, between which a coupler is looked for
+COUPLER_RAD_S = 10.0, 3000.0
+
+
+def _coupler_stiffness(s: Scales, rad_s: float) -> float:
+    """Stiffness, N m/rad, at which all inertia of the shaft oscillates with a natural frequency."""
+    return s.inertia * rad_s**2
+
+
+def _stiffest_coupler(s: Scales) -> float:
+    """The largest stiffness, N m/rad, to look for: an oscillation of which several periods pass
+    between two rows is not in the log.
+    """
+    return _coupler_stiffness(s, min(COUPLER_RAD_S[1], 2.0 * pi / s.interval))
+
+
 EFFECTS = (
     Effect(
         "load_dependent_friction",
@@ -126,14 +144,14 @@ EFFECTS = (
             Parameter(
                 "stiffness_nm_per_rad",
                 "N m/rad",
-                lambda s: s.inertia * 100.0**2,
-                lambda s: s.inertia * 10.0**2,
-                lambda s: s.inertia * 3000.0**2,
+                lambda s: _coupler_stiffness(s, 100.0),
+                lambda s: _coupler_stiffness(s, COUPLER_RAD_S[0]),
+                _stiffest_coupler,
                 # natural frequencies of 14 to 340 rad/s: the response is not linear in it
                 tuple(0.02 * 1.4**n for n in range(20)),
                 key=POSITIVE,
                 neutral=OFF_AT_INFINITY,
-                plausible=lambda s: s.inertia * 50.0**2,
+                plausible=lambda s: _coupler_stiffness(s, 50.0),
             ),
             Parameter(
                 "damping_ratio",

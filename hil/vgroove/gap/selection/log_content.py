@@ -146,27 +146,37 @@ def impact_flags(problem: Problem) -> Iterator[str]:
 
 
 def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
-    """Effects of the catalogue that the logs can show: what repeats with the angle of a shaft, if
-    the shaft turns by MIN_PERIODS of its periods. On a hammering tool those of its joint, and of
-    several logs nothing that repeats with an angle, since it is not known where each log begins.
+    """Effects of the catalogue that the logs can show: those whose numbers have bounds between
+    which the log tells them; what repeats with the angle of a shaft, if the shaft turns by
+    MIN_PERIODS of its periods. On a hammering tool those of its joint, and of several logs nothing
+    that repeats with an angle, since it is not known where each log begins.
     """
     scales = effect_scales(problem)
-    effects = [e for e in available(log_flags(problem), without) if repeats(e, scales)]
+    effects = [
+        e
+        for e in available(log_flags(problem), without)
+        if has_range(e, scales) and repeats(e, scales)
+    ]
     if problem.rig.mechanism["kind"] != "impact":
         return effects
     load, several = problem.rig.load["kind"], len(problem.logs) > 1
     return [e for e in effects if not (e.periodic and several) and (not e.loads or load in e.loads)]
 
 
-def repeats(effect: Effect, scales: Scales) -> bool:
-    """Whether an effect that is periodic in the angle repeats in the logs: MIN_PERIODS of a known
-    period that the rows resolve, or of some period within the bounds of a fitted one.
+def has_range(effect: Effect, scales: Scales) -> bool:
+    """Whether the bounds of each number of an effect leave a range: those of a period or of a
+    natural frequency depend on what the rows resolve.
     """
-    if effect.periodic is None:
+    parameters = effect.of_tool(scales).parameters
+    return all(p.low(scales) < p.high(scales) for p in parameters)
+
+
+def repeats(effect: Effect, scales: Scales) -> bool:
+    """Whether an effect of a known period that is periodic in the angle repeats in the logs:
+    MIN_PERIODS of a period that the rows resolve.
+    """
+    if effect.periodic is None or effect.periodic.is_fitted:
         return True
-    if effect.periodic.is_fitted:
-        (periods,) = (p for p in effect.parameters if p.name == effect.periodic.periods)
-        return periods.low(scales) < periods.high(scales)
     known = effect.periodic.periods_per_rev({}.get, scales.ratio)
     return scales.turns * known >= MIN_PERIODS and known <= scales.periods
 
