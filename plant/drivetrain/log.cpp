@@ -70,15 +70,16 @@ static void run_any(const Run &r, const Job &job) {
              : run_job<Lanes8, STATE_CORE_COUNT>(r, job);
 }
 
-// Batch rows with the same effects in groups of a vector's width, in the order of the batch
+// Batch rows with the same effects in groups of a vector's width, in the order of the batch; what
+// does not fill options.least_lanes of them is simulated row by row.
 static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::size_t batch,
-                                bool adaptive) {
+                                const SimulateOptions &options) {
     std::vector<Job> open, full;
     for (std::size_t row = 0; row < batch; ++row) {
         const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
         naming_the_set(row, batch, [&] { check_parameters(p, in.kind != InputKind::CURRENT); });
         const std::uint32_t effects = effects_of(p);
-        if (!adaptive && flow_applies(effects, in.load_kind)) {
+        if (!options.adaptive && flow_applies(effects, in.load_kind)) {
             full.push_back(Job{effects, true, {row}});
             continue;
         }
@@ -92,7 +93,13 @@ static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::si
             open.erase(job);
         }
     }
-    full.insert(full.end(), open.begin(), open.end());
+    for (const Job &job : open) {
+        if (job.batch_rows.size() >= options.least_lanes)
+            full.push_back(job);
+        else
+            for (const std::size_t row : job.batch_rows)
+                full.push_back(Job{job.effects, false, {row}});
+    }
     return full;
 }
 
@@ -179,7 +186,7 @@ void simulate_log(const LogInput &in, const double *theta, std::size_t batch,
     std::vector<std::size_t> exhausted(batch, NOT_EXHAUSTED);
     Run run = run_of(in, theta, starts, out, options);
     run.exhausted_row = exhausted.data();
-    const std::vector<Job> jobs = jobs_of(in, theta, batch, options.adaptive);
+    const std::vector<Job> jobs = jobs_of(in, theta, batch, options);
     run_parallel(jobs.size(), options.threads, options.cancellation,
                  [&](std::size_t job) { run_any(run, jobs[job]); });
     const std::size_t count = in.time_s.size();
@@ -199,9 +206,11 @@ void audit_log(const LogInput &in, const double *theta, const LogStarts &starts,
     fill_before_start(in, 1, starts, out);
     std::fill_n(out.energy_j, starts.rows.front() * ENERGY_COLUMNS, NOT_SIMULATED);
     std::size_t exhausted = NOT_EXHAUSTED;
-    Run run = run_of(in, theta, starts, out, SimulateOptions{});
+    SimulateOptions options;
+    options.adaptive = true;
+    Run run = run_of(in, theta, starts, out, options);
     run.exhausted_row = &exhausted;
-    run_job<double, STATE_AUDIT_COUNT>(run, jobs_of(in, theta, 1, true).front());
+    run_job<double, STATE_AUDIT_COUNT>(run, jobs_of(in, theta, 1, options).front());
     if (exhausted != NOT_EXHAUSTED)
         throw_exhausted(in, theta, 0, exhausted);
 }

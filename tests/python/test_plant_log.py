@@ -52,10 +52,11 @@ def test_parameters_are_named_once_and_neutral() -> None:
     assert neutral[names.index("gearbox.ratio")] == 1.0
 
 
-def test_results_do_not_depend_on_batch_or_threads() -> None:
+@pytest.mark.parametrize("least_lanes", [0, 2, 9])
+def test_results_do_not_depend_on_batch_threads_or_vectors(least_lanes: int) -> None:
     log, theta = long_log(0.6), batch_theta(37)
     starts, state0 = np.array([0, 250]), np.array([[0.0, 0.0, 0.0], [5.0, 300.0, 1.0]])
-    together = core.simulate_log(log, theta, starts, state0, 2)
+    together = core.simulate_log(log, theta, starts, state0, 2, least_lanes=least_lanes)
     single_thread = core.simulate_log(log, theta[::-1].copy(), starts, state0, 1)
     for name, column in together.items():
         assert column.tobytes() == single_thread[name][::-1].tobytes(), name
