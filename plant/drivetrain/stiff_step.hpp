@@ -44,7 +44,9 @@ VGROOVE_INLINE Rates<V> stiff_rates(const Drivetrain<V> &m, const Drive<V> &in, 
     Rates<V> r{};
     if (m.input != InputKind::CURRENT) {
         const V i = s.x[STATE_CURRENT], k = motor_constant<V>(m.motor, m.effects, i);
-        const V torque_slope = k + i * motor_constant_slope<V>(m.motor, m.effects, i);
+        // falls beyond the saturation current: 0 keeps the 2 x 2 matrix regular at any step
+        const V torque_slope =
+            max_of<V>(k + i * motor_constant_slope<V>(m.motor, m.effects, i), V{});
         r.current = max_of<V>(rate_of_current<V, N>(m, in, mode, s), V{});
         r.back = (in.open > 0.0) & (mode.diode == 0.0) ? V{} : k * m.motor.inductance_inverse;
         r.drive = mode.slide * mode.slide * torque_slope * m.gear.inertia_inverse;

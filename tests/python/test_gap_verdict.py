@@ -1157,6 +1157,85 @@ def test_a_tied_special_case_is_named_in_place_of_its_general_effect(
     monkeypatch.setattr(
         decision, "established_rivals", lambda _, one, __: rivals if one is part else of_special
     )
-    found, left = decision.leanest_established(None, part, {})
+    monkeypatch.setattr(decision, "is_likelier", lambda *_: False)
+    found, left = decision.leanest_established(SimpleNamespace(search=None), part, {})
     assert found.ids == named
     assert left == (rivals if found is part else of_special)
+
+
+@pytest.mark.parametrize(
+    ("ids", "tied", "doubtful", "named"),
+    [
+        # several others in place of the weakest member: it is not named
+        ("ab", {"ab": ["ax", "ay"]}, "", "a"),
+        ("abc", {"abc": ["abx", "aby"], "ab": ["ax"]}, "", "ab"),
+        # a single other, or generalisations and the members themselves: it stays
+        ("ab", {"ab": ["ax"]}, "", "ab"),
+        ("ab", {"ab": ["ax", "xa"]}, "", "ab"),
+        # no other member is established without it
+        ("ab", {"ab": ["ax", "ay"]}, "a", "ab"),
+        # both may be replaced: the set that leaves less stays, and its rivals are not asked again
+        ("ab", {"ab": ["ax", "ay", "xb", "yb"], "a": ["x", "y"]}, "", "a"),
+        ("a", {"a": ["x", "y", "z"]}, "", "a"),
+    ],
+)
+def test_a_member_that_several_effects_replace_is_not_named_beside_others(
+    ids: str,
+    tied: dict[str, list[str]],
+    doubtful: str,
+    named: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def a_set(of: str) -> SimpleNamespace:
+        return SimpleNamespace(ids=tuple(of))
+
+    state = SimpleNamespace(score=lambda one: {"a": 1.0}.get("".join(one.ids), 2.0))
+    monkeypatch.setattr(
+        decision,
+        "established_rivals",
+        lambda _, one, __: [a_set(r) for r in tied.get("".join(one.ids), [])],
+    )
+    monkeypatch.setattr(
+        decision, "fit_without", lambda _, one, i: a_set("".join(one.ids).replace(i, ""))
+    )
+    monkeypatch.setattr(
+        decision,
+        "without_doubtful",
+        lambda _, one, __: a_set("".join(i for i in one.ids if i not in doubtful)),
+    )
+    monkeypatch.setattr(decision, "is_likelier", lambda *_: False)
+    found, rivals = decision.without_replaceable(SimpleNamespace(search=state), a_set(ids), {})
+    assert "".join(found.ids) == named
+    assert ["".join(r.ids) for r in rivals] == tied.get(named, [])
+
+
+def test_special_cases_of_a_member_do_not_count_as_effects_in_its_place() -> None:
+    best = SimpleNamespace(ids=("asymmetric_friction", "speed_lag"))
+    rivals = [
+        SimpleNamespace(ids=("coulomb_friction", "speed_lag")),
+        SimpleNamespace(ids=("asymmetric_friction", "transport_delay")),
+        SimpleNamespace(ids=("viscous_friction", "speed_lag")),
+    ]
+    assert decision.replacements("asymmetric_friction", best, rivals) == {"viscous_friction"}
+    assert decision.replacements("speed_lag", best, rivals) == {"transport_delay"}
+
+
+@pytest.mark.parametrize(
+    ("excluded", "doubtful", "named"),
+    [("a", "", "b"), ("a", "b", "a"), ("b", "", "a"), ("", "", "a")],
+)
+def test_a_rival_of_far_more_plausible_sizes_is_named_where_it_is_established(
+    excluded: str, doubtful: str, named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A set that the prior excludes beside a tied one is not the likelier explanation of the two:
+    an inertia that is 57 % too large, not a speed sensor that is 134 % off.
+    """
+    sets = {i: SimpleNamespace(ids=(i,)) for i in "ab"}
+    others = {"a": [sets["b"]], "b": [sets["a"]]}
+    monkeypatch.setattr(decision, "established_rivals", lambda _, one, __: others[one.ids[0]])
+    monkeypatch.setattr(
+        decision, "prior_excludes", lambda _, rival, best: rival.ids == (excluded,) != best.ids
+    )
+    monkeypatch.setattr(decision, "is_established", lambda _, one, __: one.ids != (doubtful,))
+    found, _ = decision.leanest_established(SimpleNamespace(search=None), sets["a"], {})
+    assert found.ids == (named,)

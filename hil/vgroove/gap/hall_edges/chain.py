@@ -141,6 +141,8 @@ def consistent_pieces(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> l
     """Cuts a chain where its bounds (edges,) contradict one another by more than SPLIT_S: one edge
     too many or too few was counted there. drift: rounding errors summed along the chain, s.
     """
+    if len(low) < 2:
+        return [slice(0, len(low))]
     cuts, top, bottom = [0], -inf, inf
     steps = np.diff(drift, prepend=drift[:1]).tolist()
     for i, (least, most, step) in enumerate(zip(low.tolist(), high.tolist(), steps, strict=True)):

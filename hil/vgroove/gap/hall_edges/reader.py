@@ -124,7 +124,7 @@ def count_chains(
     """Number of consistent chains of edges in a speed column (n,); counting ends beyond `most`."""
     reader, count = RowReader(time_s, speed_rpm, pulses_per_rev, lsb_rpm), 0
     for chain in reader.chains_in_order():
-        count += len(consistent_pieces(*chain.bounds()))
+        count += len(consistent_pieces(*chain.bounds())) if len(chain.row) > 1 else 1
         if most is not None and count > most:
             break
     return count
@@ -140,24 +140,25 @@ def _locate(column: _SpeedColumn, chain: EdgeChain) -> tuple[EdgeChain, _Located
     hidden = chain.hides_edges(column.time_s)
     if column.counts:
         hidden = np.full(len(hidden), hidden.any())
-    else:
+    elif hidden.any():
         hidden = scipy.ndimage.maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
-        if hidden.any():
-            several = chain.hides_edges(column.time_s, ONE_EDGE_ROWS)
-            chain = chain.with_timeouts(hidden & several, column.pulses)
-            hidden = scipy.ndimage.maximum_filter1d(
-                chain.hides_edges(column.time_s), 2 * BESIDE_HIDDEN + 1
-            )
-    cuts = [0, *(np.flatnonzero(np.diff(hidden)) + 1), len(hidden)]
+        several = chain.hides_edges(column.time_s, ONE_EDGE_ROWS)
+        chain = chain.with_timeouts(hidden & several, column.pulses)
+        hidden = scipy.ndimage.maximum_filter1d(
+            chain.hides_edges(column.time_s), 2 * BESIDE_HIDDEN + 1
+        )
+    cuts = [0, *(np.flatnonzero(hidden[1:] != hidden[:-1]) + 1), len(hidden)]
     parts = [
         _locate_part(column, chain.part(a, b), bool(hidden[a]))
         for a, b in zip(cuts, cuts[1:], strict=False)
     ]
+    if len(parts) == 1:
+        return chain, parts[0]
     end, slack, piece, span, length, timeout = (
         np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(_LocatedEdges)
     )
-    cut = np.concatenate([[0], np.diff(piece) > 0])
+    cut = np.concatenate([[0], piece[1:] > piece[:-1]])
     return chain, _LocatedEdges(end, slack, np.cumsum(cut), span, length, timeout)
 
 

@@ -24,7 +24,12 @@ from vgroove.gap.selection.search import (
 )
 from vgroove.gap.selection.search_state import COMPARISON, Search, key
 from vgroove.gap.verdict.covariates import Covariates
-from vgroove.gap.verdict.established import established_set, is_established_rival
+from vgroove.gap.verdict.established import (
+    established_set,
+    is_established,
+    is_established_rival,
+    without_doubtful,
+)
 from vgroove.gap.verdict.remainder import Remainder, remaining
 
 
@@ -44,6 +49,8 @@ class DecisionLimits:
     # at work leave only their form error (see selection/limits.py): a form that deviates by about
     # a quarter of the effect leaves about (1/4)^2.
     min_closed_by_several: tuple[float, ...] = (0.0, 0.92, 0.95, 0.95)
+    # effects that may stand in the place of an established member beside others
+    most_rivals: int = 1
     min_gap_power: float = 1e-9  # avoids a division by 0 where there is no gap
 
 
@@ -118,12 +125,12 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     """
     search = selection.search
     part = known_members(search, established_set(search, selection.best, covariates))
-    plain, plain_rivals = leanest_established(selection, part, covariates)
+    plain, plain_rivals = without_replaceable(selection, part, covariates)
     other = select_whitened(search) if part.ids else None
     if other is not None:
         found = known_members(other.search, established_set(other.search, other.best, covariates))
         if key(found.ids) != key(part.ids) and len(found.ids) >= len(part.ids):
-            found, rivals = leanest_established(other, found, covariates)
+            found, rivals = without_replaceable(other, found, covariates)
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
             more = len(found.ids) > len(part.ids)
             general = contains(best.ids, plain.ids) and not search.gains_share(best, plain)
@@ -135,15 +142,49 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
 def leanest_established(
     selection: Selection, part: Fit, covariates: Covariates
 ) -> tuple[Fit, list[Fit]]:
-    """The established set that is named, with its rivals. Rivals predict the logs equally well. One
-    that differs from the set only by special cases of its effects (a Coulomb friction in place of
-    an asymmetric one) has fewer parameters and is named in the set's place.
+    """The established set, with its rivals. Rivals predict the logs equally well. One that differs
+    from the set only by special cases of its effects (a Coulomb friction in place of an asymmetric
+    one) has fewer parameters and is named in the set's place; so is one whose sizes are so much
+    more plausible that the prior excludes the set, if all its members are established.
     """
     rivals = established_rivals(selection, part, covariates)
     for rival in rivals:
-        if len(rival.ids) == len(part.ids) and contains(part.ids, rival.ids):
+        special = len(rival.ids) == len(part.ids) and contains(part.ids, rival.ids)
+        if special or is_likelier(selection.search, rival, part, covariates):
             return leanest_established(selection, rival, covariates)
     return part, rivals
+
+
+def is_likelier(search: Search, rival: Fit, part: Fit, covariates: Covariates) -> bool:
+    """Whether the prior decides for an established rival and against the set."""
+    return prior_excludes(search, part, rival) and is_established(search, rival, covariates)
+
+
+def without_replaceable(
+    selection: Selection, part: Fit, covariates: Covariates
+) -> tuple[Fit, list[Fit]]:
+    """The established set that is named, with its rivals: the leanest one without the members, that
+    of the smallest gain first, in whose place several other effects predict the logs equally well.
+    Such a member is a name for what any smooth correction closes beside the others; what it closes
+    is left unexplained. It stays where a single effect replaces it, or where no other member is
+    established without it.
+    """
+    search, leaner = selection.search, part
+    while leaner is not None:
+        part, rivals = leanest_established(selection, leaner, covariates)
+        many = [i for i in part.ids if len(replacements(i, part, rivals)) > DECISION.most_rivals]
+        tried = sorted((fit_without(search, part, i) for i in many), key=search.score)
+        rest = (without_doubtful(search, f, covariates) for f in tried if f.ids)
+        leaner = next((f for f in rest if f.ids), None)
+    return part, rivals
+
+
+def replacements(member: str, best: Fit, rivals: list[Fit]) -> set[str]:
+    """Effects, other than its special cases, that stand in the rivals of a set in which a member of
+    it is missing.
+    """
+    found = {i for f in rivals if member not in f.ids for i in f.ids if i not in best.ids}
+    return found - set(SPECIAL_CASES.get(member, ()))
 
 
 def established_rivals(selection: Selection, part: Fit, covariates: Covariates) -> list[Fit]:
