@@ -117,7 +117,7 @@ nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cu
                       const std::string &unfinished, int least_lanes) {
     vgroove::SimulateOptions options = options_of(threads, solver, tolerance, unfinished);
     if (least_lanes != 0)
-        options.least_lanes = static_cast<std::size_t>(std::max(least_lanes, 2));
+        options.least_lanes = static_cast<std::size_t>(std::clamp(least_lanes, 2, 8));
     const std::size_t batch = theta.shape(0), rows = in.time_s.size(), count = starts.shape(0);
     require_drivetrain_load(in.load_kind);
     if (theta.shape(1) != vgroove::PARAMETER_COUNT)
@@ -267,19 +267,20 @@ void bind_plant(nb::module_ &m) {
              "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none",
              "slew_slack"_a = 0.0, "skipped_a2"_a.none() = nb::none(),
              "skipped_bus_a"_a.none() = nb::none());
-    m.def(
-        "simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
-        "threads"_a = 2, "solver"_a = "exact", "tolerance"_a = 0.0, "unfinished"_a = "raise",
-        "least_lanes"_a = 0,
-        "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, "
-        "speed_rad_s, angle_rad -> dict of (B, n). A current of nan: the steady-state current of "
-        "the interval that follows the start.\n"
-        "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or "
-        "adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
-        "unfinished: for a run whose step budget is used up before its end: raise "
-        "(RuntimeError naming row, time and parameter) or nan.\n"
-        "least_lanes: number of parameter sets with the same effects from which they are simulated "
-        "in one vector; 0: by the processor. The results are the same.");
+    m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
+          "threads"_a = 2, "solver"_a = "exact", "tolerance"_a = 0.0, "unfinished"_a = "raise",
+          "least_lanes"_a = 0,
+          "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, "
+          "speed_rad_s, angle_rad -> dict of (B, n). A current of nan: the steady-state current of "
+          "the interval that follows the start.\n"
+          "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or "
+          "adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
+          "unfinished: for a run whose step budget is used up before its end: raise "
+          "(RuntimeError naming row, time and parameter) or nan.\n"
+          "least_lanes: smallest number of parameter sets with the same effects, 2 to 8, that are "
+          "simulated together in one vector; 0: what is faster on this processor. The results are "
+          "the "
+          "same.");
     m.def("audit_log", &audit_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
           "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + "
           "work_load + change of stored.");

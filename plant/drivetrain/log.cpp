@@ -70,8 +70,8 @@ static void run_any(const Run &r, const Job &job) {
              : run_job<Lanes8, STATE_CORE_COUNT>(r, job);
 }
 
-// Batch rows with the same effects in groups of a vector's width, in the order of the batch; what
-// does not fill options.least_lanes of them is simulated row by row.
+// The batch rows divided into jobs, in the order of the batch: up to eight rows with the same
+// effects form a vector; fewer than options.least_lanes become jobs of one row.
 static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::size_t batch,
                                 const SimulateOptions &options) {
     std::vector<Job> open, full;

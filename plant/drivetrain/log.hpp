@@ -36,7 +36,8 @@ struct SimulateOptions {
     int threads = 1;
     bool adaptive = false;   // Runge-Kutta for every drivetrain; else exact where it is linear
     double tolerance = 0.0;  // of Runge-Kutta, local error over scale; 0: SOLVER_TOLERANCE
-    std::size_t least_lanes = vgroove::least_lanes();  // parameter sets in a vector, 2 or more
+    // smallest number of parameter sets that are simulated together in one vector, 2 to 8
+    std::size_t least_lanes = vgroove::least_lanes();
     Cancellation *cancellation = nullptr;
     bool keep_unfinished = false;  // rows that the step budget does not reach are NaN, instead of
                                    // std::runtime_error

@@ -189,6 +189,12 @@ VGROOVE_INLINE V drivetrain_stored(const Drivetrain<V> &m, const State<V, N> &s)
     return stored + load_energy<V>(m.load, angle - twist);
 }
 
+// A derivative of the current, 0 while the open bridge blocks it
+template <class V>
+VGROOVE_INLINE V unless_blocked(const Drive<V> &in, const Mode<V> &mode, V derivative) {
+    return (in.open > 0.0) & (mode.diode == 0.0) ? V{} : derivative;
+}
+
 // Derivative of the whole state, tau after the start of the stretch
 template <class V, int N>
 VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const Drive<V> &in,
@@ -198,7 +204,7 @@ VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const D
     const V w = s.x[STATE_SPEED];
     if (m.input != InputKind::CURRENT) {
         const V slope = motor_current_slope<V>(m.motor, e.terminal_v, e.r, e.i, e.k, w, e.brush_v);
-        ds.x[STATE_CURRENT] = (in.open > 0.0) & (mode.diode == 0.0) ? V{} : slope;
+        ds.x[STATE_CURRENT] = unless_blocked<V>(in, mode, slope);
     }
     const Torques<V> t = drivetrain_torques<V, N>(m, in, tau, e.k * e.i, s);
     drivetrain_mechanical<V, N>(m, in, mode, tau, t, s, ds);

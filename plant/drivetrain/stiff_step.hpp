@@ -1,9 +1,10 @@
 // Step of the drivetrain where it is stiff, so that an explicit method would need very short steps:
 // brushes and dead time around 0 A, tiny inductances and time constants.
 //
-// ROS34PW2 (numeric/rosenbrock.hpp) with the Jacobian of winding and shaft, a 2 x 2 matrix, and the
-// diagonal for the filters, so that no larger system of equations has to be solved. Without the
-// coupling of current and speed the slow motion behind a fast winding needs many times the steps.
+// ROS34PW2 (numeric/rosenbrock.hpp) with part of the Jacobian: the 2 x 2 block of current and
+// speed, and the diagonal elements of the filters. Each stage thus solves two equations for two
+// unknowns. With the diagonal of current and speed alone the steps would have to be several times
+// shorter once the current follows the speed.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 
@@ -16,9 +17,13 @@ namespace vgroove {
 constexpr double STIFF_STEP = 1.2;
 constexpr double STIFF_STRETCH = 64.0;
 
-// Rate at which each state decays by itself, 1/s; 0 where it is never fast. back: by which the
-// current falls with the speed, A/s per rad/s; drive: by which the speed rises with the current.
-template <class V> struct Rates { V current, speed, current_filter, speed_filter, back, drive; };
+// Diagonal elements of the Jacobian with the sign changed, 1/s: the rate at which each state decays
+// by itself; 0 where it is never fast.
+template <class V> struct Rates { V current, speed, current_filter, speed_filter; };
+
+// The other elements of the block of current and speed: by which the current falls with the speed,
+// A/s per rad/s, and the speed rises with the current, rad/s^2 per A
+template <class V> struct MotorCoupling { V back_emf, torque; };
 
 template <class V, int N>
 VGROOVE_INLINE V rate_of_current(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode,
@@ -35,22 +40,29 @@ VGROOVE_INLINE V rate_of_current(const Drivetrain<V> &m, const Drive<V> &in, con
     }
     if ((m.effects & EFFECT_DEAD_TIME) && m.input == InputKind::DUTY)
         ohm += in.dead * e.bus_v * bridge_sign_slope<V>(m.bridge, e.i, e.ripple_a);
-    return (in.open > 0.0) & (mode.diode == 0.0) ? V{} : ohm * m.motor.inductance_inverse;
+    return unless_blocked<V>(in, mode, ohm * m.motor.inductance_inverse);
+}
+
+template <class V, int N>
+VGROOVE_INLINE MotorCoupling<V> stiff_coupling(const Driven<V> &d, const State<V, N> &s) {
+    MotorCoupling<V> c{};
+    const Drivetrain<V> &m = d.model;
+    if (m.input == InputKind::CURRENT)
+        return c;
+    const V i = s.x[STATE_CURRENT], k = motor_constant<V>(m.motor, m.effects, i);
+    // the torque falls with a current beyond saturation: 0 keeps the block regular for every step
+    const V torque_slope = max_of<V>(k + i * motor_constant_slope<V>(m.motor, m.effects, i), V{});
+    c.back_emf = unless_blocked<V>(d.drive, d.mode, k * m.motor.inductance_inverse);
+    c.torque = d.mode.slide * d.mode.slide * torque_slope * m.gear.inertia_inverse;
+    return c;
 }
 
 template <class V, int N>
 VGROOVE_INLINE Rates<V> stiff_rates(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode,
                                     const State<V, N> &s) {
     Rates<V> r{};
-    if (m.input != InputKind::CURRENT) {
-        const V i = s.x[STATE_CURRENT], k = motor_constant<V>(m.motor, m.effects, i);
-        // falls beyond the saturation current: 0 keeps the 2 x 2 matrix regular at any step
-        const V torque_slope =
-            max_of<V>(k + i * motor_constant_slope<V>(m.motor, m.effects, i), V{});
+    if (m.input != InputKind::CURRENT)
         r.current = max_of<V>(rate_of_current<V, N>(m, in, mode, s), V{});
-        r.back = (in.open > 0.0) & (mode.diode == 0.0) ? V{} : k * m.motor.inductance_inverse;
-        r.drive = mode.slide * mode.slide * torque_slope * m.gear.inertia_inverse;
-    }
     V drag = abs_of<V>(m.friction.viscous);
     if (!(m.effects & EFFECT_TWO_BODIES))
         drag += max_of<V>(load_speed_slope<V>(m.load, s.x[STATE_SPEED]), V{});
@@ -66,25 +78,26 @@ template <class V> VGROOVE_INLINE V fastest_rate(const Rates<V> &r) {
     return max_of<V>(max_of<V>(r.current, r.speed), max_of<V>(r.current_filter, r.speed_filter));
 }
 
-// Slopes of current and speed, coupled by torque and back EMF
+// A stage's slopes of current and speed: as rosenbrock_slope() with the 2 x 2 block
 template <class V, int N>
-VGROOVE_INLINE void stiff_motor_slopes(const Rates<V> &r, V h, const State<V, N> &f,
-                                       const State<V, N> &sum, State<V, N> &k) {
+VGROOVE_INLINE void stiff_motor_slopes(const Rates<V> &r, const MotorCoupling<V> &c, V h,
+                                       const State<V, N> &f, const State<V, N> &sum,
+                                       State<V, N> &k) {
     const V g = Ros34pw2::GAMMA * h;
     const V sum_i = sum.x[STATE_CURRENT], sum_w = sum.x[STATE_SPEED];
-    const V right_i = f.x[STATE_CURRENT] - h * (r.current * sum_i + r.back * sum_w),
-            right_w = f.x[STATE_SPEED] + h * (r.drive * sum_i - r.speed * sum_w);
+    const V right_i = f.x[STATE_CURRENT] - h * (r.current * sum_i + c.back_emf * sum_w),
+            right_w = f.x[STATE_SPEED] + h * (c.torque * sum_i - r.speed * sum_w);
     const V own_i = 1.0 + g * r.current, own_w = 1.0 + g * r.speed;
-    const V inverse = 1.0 / (own_i * own_w + g * g * r.back * r.drive);
-    k.x[STATE_CURRENT] = inverse * (own_w * right_i - g * r.back * right_w);
-    k.x[STATE_SPEED] = inverse * (own_i * right_w + g * r.drive * right_i);
+    const V inverse = 1.0 / (own_i * own_w + g * g * c.back_emf * c.torque);
+    k.x[STATE_CURRENT] = inverse * (own_w * right_i - g * c.back_emf * right_w);
+    k.x[STATE_SPEED] = inverse * (own_i * right_w + g * c.torque * right_i);
 }
 
 template <class V, int N>
-VGROOVE_INLINE State<V, N> stiff_slope(const Rates<V> &r, V h, const State<V, N> &f,
-                                       const State<V, N> &sum) {
+VGROOVE_INLINE State<V, N> stiff_slope(const Rates<V> &r, const MotorCoupling<V> &c, V h,
+                                       const State<V, N> &f, const State<V, N> &sum) {
     State<V, N> k = f;
-    stiff_motor_slopes<V, N>(r, h, f, sum, k);
+    stiff_motor_slopes<V, N>(r, c, h, f, sum, k);
     if constexpr (N > STATE_CORE_COUNT) {
         k.x[STATE_CURRENT_FILTER] = rosenbrock_slope<V>(
             f.x[STATE_CURRENT_FILTER], h, r.current_filter, sum.x[STATE_CURRENT_FILTER]);
@@ -98,10 +111,11 @@ VGROOVE_INLINE State<V, N> stiff_slope(const Rates<V> &r, V h, const State<V, N>
 template <class V, int N>
 VGROOVE_INLINE RosenbrockStep<V, N> stiff_step(const Driven<V> &d, const Rates<V> &r, V h,
                                                const State<V, N> &y, const State<V, N> &slope) {
+    const MotorCoupling<V> c = stiff_coupling<V, N>(d, y);
     return ros34pw2_step<V, N>(
         y, h, slope,
         [&](const State<V, N> &f, const State<V, N> &sum)
-            __attribute__((always_inline)) { return stiff_slope<V, N>(r, h, f, sum); },
+            __attribute__((always_inline)) { return stiff_slope<V, N>(r, c, h, f, sum); },
         [&](V tau, const State<V, N> &s) __attribute__((always_inline)) {
             return drivetrain_derivative<V, N>(d.model, d.drive, d.mode, tau, s);
         });

@@ -30,8 +30,9 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 #define VGROOVE_CLONES_APART __attribute__((noinline))
 #endif
 
-// Number of simulations from which a vector of eight takes less time than single numbers. AVX-512
-// has registers of eight; without it a step of the vector costs as much as seven single ones.
+// Smallest number of simulations that run faster together, in the lanes of one vector, than one
+// after the other. A register of AVX-512 holds eight numbers. Without it a step of the vector takes
+// as long as about seven steps of single simulations, however few of its lanes are used.
 inline std::size_t least_lanes() {
 #if defined(__x86_64__) && defined(__GNUC__)
     return __builtin_cpu_supports("avx512f") != 0 ? 2 : 7;

@@ -146,7 +146,7 @@ def test_a_delay_of_one_row_is_remarked_with_what_to_put_into_the_rig(
 def test_a_coupler_is_looked_for_where_the_rows_resolve_its_slowest_oscillation(
     row_s: float, shown: bool
 ) -> None:
-    """10 rad/s: a period of 0.63 s."""
+    """The lowest natural frequency that is looked for is 10 rad/s, a period of 0.63 s."""
     problem = load_problem([slow_log(row_s)], slow_tool())
     ids = {effect.id for effect in shown_effects(problem, frozenset())}
     assert ("coupler_compliance" in ids) == shown

@@ -1169,12 +1169,12 @@ def test_a_tied_special_case_is_named_in_place_of_its_general_effect(
         # several others in place of the weakest member: it is not named
         ("ab", {"ab": ["ax", "ay"]}, "", "a"),
         ("abc", {"abc": ["abx", "aby"], "ab": ["ax"]}, "", "ab"),
-        # a single other, or generalisations and the members themselves: it stays
+        # a single other effect, in one rival or in two: it stays
         ("ab", {"ab": ["ax"]}, "", "ab"),
         ("ab", {"ab": ["ax", "xa"]}, "", "ab"),
         # no other member is established without it
         ("ab", {"ab": ["ax", "ay"]}, "a", "ab"),
-        # both may be replaced: the set that leaves less stays, and its rivals are not asked again
+        # both may be replaced: b, which gains less, is removed; the last member stays
         ("ab", {"ab": ["ax", "ay", "xb", "yb"], "a": ["x", "y"]}, "", "a"),
         ("a", {"a": ["x", "y", "z"]}, "", "a"),
     ],
@@ -1227,8 +1227,8 @@ def test_special_cases_of_a_member_do_not_count_as_effects_in_its_place() -> Non
 def test_a_rival_of_far_more_plausible_sizes_is_named_where_it_is_established(
     excluded: str, doubtful: str, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A set that the prior excludes beside a tied one is not the likelier explanation of the two:
-    an inertia that is 57 % too large, not a speed sensor that is 134 % off.
+    """Of two sets that predict equally well the one with the more probable sizes is named: an
+    inertia that is 57 % too large, for example, instead of a speed sensor whose gain is 134 % off.
     """
     sets = {i: SimpleNamespace(ids=(i,)) for i in "ab"}
     others = {"a": [sets["b"]], "b": [sets["a"]]}

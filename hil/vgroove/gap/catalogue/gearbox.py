@@ -95,13 +95,15 @@ COUPLER_RAD_S = 10.0, 3000.0
 
 
 def _coupler_stiffness(s: Scales, rad_s: float) -> float:
-    """Stiffness, N m/rad, at which all inertia of the shaft oscillates with a natural frequency."""
+    """Stiffness, N m/rad, of a spring on which the inertia of the whole shaft has the natural
+    frequency rad_s.
+    """
     return s.inertia * rad_s**2
 
 
 def _stiffest_coupler(s: Scales) -> float:
-    """The largest stiffness, N m/rad, to look for: an oscillation of which several periods pass
-    between two rows is not in the log.
+    """Upper bound of the stiffness, N m/rad: at a higher one more than one period of the
+    oscillation passes between two rows, and the log does not show it.
     """
     return _coupler_stiffness(s, min(COUPLER_RAD_S[1], 2.0 * pi / s.interval))
 

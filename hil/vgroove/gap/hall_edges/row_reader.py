@@ -22,7 +22,7 @@ from vgroove.gap.hall_edges.hidden_periods import (
     counted_edge_times,
 )
 
-FEW = 7  # hidden edges up to which plain numbers are faster than an array
+FEW_EDGES = 7  # number of edges up to which plain numbers are faster than an array
 
 
 @dataclass(frozen=True)
@@ -220,10 +220,10 @@ class RowReader:
     def _is_timeout(self, r: RowReading, error_s: float) -> bool:
         """Whether the row reports one pitch divided by the time since the last edge."""
         edge_s = r.now_s - r.period_s
-        apart_s = max(self.low - edge_s, edge_s - self.high) - error_s
-        if abs(r.speed_rpm) >= abs(self.chain.speed_rpm[-1]) or apart_s > LIMITS.max_mismatch_s:
+        outside_s = max(self.low - edge_s, edge_s - self.high) - error_s
+        if abs(r.speed_rpm) >= abs(self.chain.speed_rpm[-1]) or outside_s > LIMITS.max_mismatch_s:
             return False
-        if apart_s > LIMITS.timeout_slack_s and not self._following_agree(r.row, edge_s, error_s):
+        if outside_s > LIMITS.timeout_slack_s and not self._following_agree(r.row, edge_s, error_s):
             return False
         following = self._next_row(r.row)
         if following is None or self.speed[following] == 0.0:
@@ -268,7 +268,7 @@ class RowReader:
         if self.counts:
             return self._counted_step(previous_s, r, count)
         first, last = 1.0 / (previous_s * previous_s), 1.0 / (r.period_s * r.period_s)
-        if count <= FEW:
+        if count <= FEW_EDGES:
             length = sum(
                 1.0 / sqrt(first + (last - first) * n / count) for n in range(1, count + 1)
             )

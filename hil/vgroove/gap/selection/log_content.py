@@ -146,10 +146,9 @@ def impact_flags(problem: Problem) -> Iterator[str]:
 
 
 def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
-    """Effects of the catalogue that the logs can show: those whose numbers have bounds between
-    which the log tells them; what repeats with the angle of a shaft, if the shaft turns by
-    MIN_PERIODS of its periods. On a hammering tool those of its joint, and of several logs nothing
-    that repeats with an angle, since it is not known where each log begins.
+    """Effects of the catalogue that the logs can show: has_range() and repeats(). On a hammering
+    tool only those that act on its joint's kind, and with several logs none that is periodic in an
+    angle, since the angle at the start of each log is not known.
     """
     scales = effect_scales(problem)
     effects = [
@@ -164,16 +163,17 @@ def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
 
 
 def has_range(effect: Effect, scales: Scales) -> bool:
-    """Whether the bounds of each number of an effect leave a range: those of a period or of a
-    natural frequency depend on what the rows resolve.
+    """Whether every parameter of an effect has a lower bound below its upper bound. The upper
+    bounds of a number of periods and of a stiffness depend on the interval between rows; where one
+    lies below the lower bound, the log cannot show the effect.
     """
     parameters = effect.of_tool(scales).parameters
     return all(p.low(scales) < p.high(scales) for p in parameters)
 
 
 def repeats(effect: Effect, scales: Scales) -> bool:
-    """Whether an effect of a known period that is periodic in the angle repeats in the logs:
-    MIN_PERIODS of a period that the rows resolve.
+    """Whether an effect that is periodic in the angle with a known period repeats in the logs: the
+    rows resolve its period, and the shaft turns by MIN_PERIODS of it. True for every other effect.
     """
     if effect.periodic is None or effect.periodic.is_fitted:
         return True

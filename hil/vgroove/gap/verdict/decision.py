@@ -49,7 +49,7 @@ class DecisionLimits:
     # at work leave only their form error (see selection/limits.py): a form that deviates by about
     # a quarter of the effect leaves about (1/4)^2.
     min_closed_by_several: tuple[float, ...] = (0.0, 0.92, 0.95, 0.95)
-    # effects that may stand in the place of an established member beside others
+    # other effects that may replace a member of an established set of several effects
     most_rivals: int = 1
     min_gap_power: float = 1e-9  # avoids a division by 0 where there is no gap
 
@@ -142,10 +142,10 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
 def leanest_established(
     selection: Selection, part: Fit, covariates: Covariates
 ) -> tuple[Fit, list[Fit]]:
-    """The established set, with its rivals. Rivals predict the logs equally well. One that differs
-    from the set only by special cases of its effects (a Coulomb friction in place of an asymmetric
-    one) has fewer parameters and is named in the set's place; so is one whose sizes are so much
-    more plausible that the prior excludes the set, if all its members are established.
+    """The established set and its rivals, the sets that predict the logs equally well. The set is
+    replaced by a rival that has special cases of its effects (a Coulomb friction instead of an
+    asymmetric one), since this has fewer parameters, and by an established rival whose sizes are
+    far more probable by their prior.
     """
     rivals = established_rivals(selection, part, covariates)
     for rival in rivals:
@@ -156,18 +156,18 @@ def leanest_established(
 
 
 def is_likelier(search: Search, rival: Fit, part: Fit, covariates: Covariates) -> bool:
-    """Whether the prior decides for an established rival and against the set."""
+    """Whether a rival is established and the prior of the sizes excludes the set beside it."""
     return prior_excludes(search, part, rival) and is_established(search, rival, covariates)
 
 
 def without_replaceable(
     selection: Selection, part: Fit, covariates: Covariates
 ) -> tuple[Fit, list[Fit]]:
-    """The established set that is named, with its rivals: the leanest one without the members, that
-    of the smallest gain first, in whose place several other effects predict the logs equally well.
-    Such a member is a name for what any smooth correction closes beside the others; what it closes
-    is left unexplained. It stays where a single effect replaces it, or where no other member is
-    established without it.
+    """The set that is named and its rivals. From an established set of several effects those
+    members are removed that more than DECISION.most_rivals other effects could replace, that of
+    the smallest gain first: they only describe what many smooth corrections would close, and this
+    part of the gap is reported as unexplained. A member stays if no other one is established
+    without it.
     """
     search, leaner = selection.search, part
     while leaner is not None:
@@ -180,8 +180,8 @@ def without_replaceable(
 
 
 def replacements(member: str, best: Fit, rivals: list[Fit]) -> set[str]:
-    """Effects, other than its special cases, that stand in the rivals of a set in which a member of
-    it is missing.
+    """Effects that could replace a member of a set: those of the rivals without this member, but
+    neither effects of the set nor special cases of the member.
     """
     found = {i for f in rivals if member not in f.ids for i in f.ids if i not in best.ids}
     return found - set(SPECIAL_CASES.get(member, ()))
