@@ -160,7 +160,8 @@ class Toy:
         self.log = np.zeros(self.n, int)
         self.censored = np.zeros(self.n, bool)
         self.block = (self.time_s // 0.75).astype(int) + 1
-        self.folds = [((self.block - 1) % 4 != k, (self.block - 1) % 4 == k) for k in range(4)]
+        self.fold = (self.block - 1) % 4
+        self.folds = [(self.fold != k, self.fold == k) for k in range(4)]
         self.judged = np.ones(self.n, bool)
         self.held_out_s = [[(0.75 * b, 0.75 * (b + 1)) for b in range(8)]]
         self.restart_s = 0.25

@@ -3,6 +3,7 @@ shortened, and the best point around the fit where no part of a step lowers it.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gap_toy import Toy, fit_of
 from vgroove.gap.fitting.cross_validation import MAX_SHORTENINGS, points_around, predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.selection.search_state import held_out_simulation
 
 TORQUE = "effects.coulomb_friction.torque_nm"
 
@@ -24,6 +26,23 @@ def test_a_block_is_predicted_without_its_own_rows() -> None:
     _, moved_fit = fit_of(disturbed, "coulomb_friction")
     moved = (moved_fit.out_of_fold - clean.out_of_fold)[test & (disturbed.signal == 1)]
     np.testing.assert_allclose(moved, shift / 20.0, atol=0.3)
+
+
+def test_rows_of_a_fold_that_the_fit_lacks_are_simulated_with_the_fit_to_all() -> None:
+    """Another problem on the same logs may have samples in a fold in which the fitted one has
+    none, and none in others.
+    """
+    toy = Toy({TORQUE: 0.004})
+    engine, best = fit_of(toy, "coulomb_friction")
+    fold, steps = toy.fold, engine.fold_steps(best)
+    assert np.all(np.abs(steps) > 0.0)
+    toy.fold = np.where(fold == 3, 9, np.where(fold == 0, 2, fold))
+    other, toy.fold = SimpleNamespace(**vars(toy), residuals=toy.residuals), fold
+    found = held_out_simulation(engine, best, other)
+    points = {9: best.x, 1: best.x + steps[1], 2: best.x + steps[2]}
+    for number, x in points.items():
+        (row,) = engine.residuals([(best.hypothesis, x[None, :])])
+        np.testing.assert_array_equal(found[other.fold == number], row[other.fold == number])
 
 
 def predicted_with(

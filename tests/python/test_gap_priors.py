@@ -4,6 +4,7 @@ prior: they are widened where a fit ends at them.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -320,6 +321,16 @@ def test_a_relative_size_is_widened_to_no_factor_of_zero(effect: str) -> None:
         assert coordinate.ends_at_search_bound(coordinate.low) and -0.951 < low < 0.0
         builder.widen(SimpleNamespace(hypothesis=hypothesis, x=np.array([coordinate.low])))
     assert low == pytest.approx(-0.95)
+
+
+@pytest.mark.parametrize("duration_s", [0.02, 0.4, 3.0, 600.0])
+def test_no_grease_warms_up_in_less_than_a_tenth_of_a_second(duration_s: float) -> None:
+    builder = HypothesisBuilder(Toy({}), replace(SCALES, duration=duration_s), {})
+    for _ in range(6):
+        (hypothesis, *_) = builder.hypotheses([BY_ID["cold_grease"]], (), np.zeros(0))
+        time = next(c for c in hypothesis.coordinates if c.name.endswith("time_s"))
+        assert 0.1 <= time.low * time.factors[0] < time.high * time.factors[0]
+        builder.widen(SimpleNamespace(hypothesis=hypothesis, x=hypothesis.low))
 
 
 def slow_tool(delay_s: float = 0.0) -> Rig:

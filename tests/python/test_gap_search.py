@@ -59,6 +59,31 @@ def test_a_leaner_set_is_fitted_from_the_fuller_sets_values_too() -> None:
     assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
+def test_a_special_case_is_fitted_from_the_values_of_the_general_effect_too() -> None:
+    """Its own first fit ended far from the minimum; the general effect would seem to outdo it."""
+    lag = {"effects.coulomb_friction.torque_nm": 0.006, "effects.speed_gain.relative": 0.02}
+    state = begun_search(Toy(lag))
+    special, general = (
+        ("coulomb_friction", "speed_gain"),
+        ("asymmetric_friction", "speed_gain"),
+    )
+    poor = fit_at(state, {}, special, 0)
+    best = fit_at(
+        state,
+        {
+            "effects.asymmetric_friction.forward_nm": 0.006,
+            "effects.asymmetric_friction.backward_nm": 0.006,
+            "effects.speed_gain.relative": 0.02,
+        },
+        general,
+        6,
+    )
+    state.fits.update({special: poor, general: best})
+    assert state.outdoes_special_case(best, poor)
+    found = candidate_sets.prefer_special_cases(state, best)
+    assert search_state.key(found.ids) == special and found.cost < 0.5 * poor.cost
+
+
 def test_a_member_that_imitates_the_true_one_is_exchanged() -> None:
     truth = {"effects.coulomb_friction.torque_nm": 0.006, "effects.current_gain.relative": -0.08}
     state = begun_search(Toy(truth))
@@ -326,7 +351,7 @@ def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_ge
         outdoes_special_case=lambda general, special: False,
         effects=[BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]],
     )
-    monkeypatch.setattr(candidate_sets, "fit_set", lambda _, ids, near: fit_of(special, *ids))
+    monkeypatch.setattr(candidate_sets, "fit_near", lambda _, ids, near: fit_of(special, *ids))
     found = candidate_sets.prefer_special_cases(
         state,
         fit_of(3.0, "speed_gain", "asymmetric_friction"),

@@ -2,15 +2,22 @@
 and the command of a row held from the row on.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from gap_toy import SCALES, Toy
 from made_log import MadeLog, drive_log, rig
 from vgroove import _core
+from vgroove.gap import diagnose
+from vgroove.gap.catalogue import BY_ID, Effect
 from vgroove.gap.cleaning.logging_interval import logging_interval_s
+from vgroove.gap.fitting.coordinates import HypothesisBuilder
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.restarts import RESTART, restart_interval_s
 from vgroove.gap.selection.log_content import shown_effects
+from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 from vgroove.gap.verdict.row_delay import row_delay_remarks
 from vgroove.rig import Rig, rig_from_dict
@@ -18,6 +25,7 @@ from vgroove.units import RAD_S_PER_RPM
 
 RESTART_S, NOISE_RPM = 0.25, 5.0
 ROWS = 400
+FAST_MOTOR_ROW_S = 0.03
 
 
 def slow_tool(hold: str = "before") -> Rig:
@@ -151,3 +159,90 @@ def test_a_coupler_is_looked_for_where_the_rows_resolve_its_slowest_oscillation(
     ids = {effect.id for effect in shown_effects(problem, frozenset())}
     assert ("coupler_compliance" in ids) == shown
     assert "added_inertia" in ids
+
+
+@pytest.mark.parametrize("row_s", [0.0005, 0.001, 0.01, 0.05, 0.2])
+def test_a_coupler_is_started_where_the_rows_resolve_its_oscillation(row_s: float) -> None:
+    """A light output side oscillates far faster on the same spring than a heavy one. Where no start
+    is resolved, all are kept.
+    """
+    toy, coupler = Toy({}), BY_ID["coupler_compliance"]
+    scales = replace(SCALES, interval=row_s)
+    builder, names = (
+        HypothesisBuilder(toy, scales, {}),
+        [coupler.name(p) for p in coupler.parameters],
+    )
+
+    def frequencies(effect: Effect) -> np.ndarray:
+        starts = builder.hypotheses([effect], (), np.zeros(0))
+        theta = np.stack([h.theta(toy.theta0, h.start[None])[0] for h in starts])
+        stiffness, _, inertia = (theta[:, toy.index(name)] for name in names)
+        output = scales.inertia - scales.motor_inertia + inertia
+        return np.sqrt(stiffness * (1.0 / scales.motor_inertia + 1.0 / output))
+
+    found, every = frequencies(coupler), frequencies(replace(coupler, is_resolved=None))
+    resolved = every[every <= 2.0 * np.pi / row_s]
+    np.testing.assert_array_equal(found, resolved if resolved.size else every)
+    assert (resolved.size == every.size) == (row_s < 0.001)
+
+
+@pytest.mark.parametrize(("share", "shown"), [(0.0099, False), (0.01, False), (0.0101, True)])
+def test_an_output_side_of_a_hundredth_of_the_inertia_is_none(share: float, shown: bool) -> None:
+    """Rigs state so a rotor without output side, since the key may not be 0."""
+    motor = slow_tool().motor["inertia_kg_m2"]
+    tool = slow_tool().with_values(
+        {"gearbox.ratio": 1.0, "gearbox.output_inertia_kg_m2": share * motor}
+    )
+    problem = load_problem([slow_log(0.01)], tool)
+    ids = {effect.id for effect in shown_effects(problem, frozenset())}
+    assert ("gear_backlash" in ids) == shown
+
+
+def fast_motor_log(delay_s: float) -> MadeLog:
+    """Speeds at the rows of a motor that settles within a fraction of a row, under voltages that
+    change at random every 12 rows and act later.
+    """
+    tool, time_s = fast_motor(), FAST_MOTOR_ROW_S * np.arange(ROWS)
+    levels = np.random.default_rng(4).uniform(2.0, 12.0, ROWS // 12 + 1)
+    voltage = np.repeat(levels, 12)[:ROWS]
+    fine_s = np.arange(0.0, time_s[-1], 0.001)
+    late = np.interp(fine_s - delay_s, time_s, np.arange(ROWS)).astype(int)
+    rows = _core.simulate_log(
+        _core.LogInput(fine_s, "voltage_v", voltage[late]),
+        tool.parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )
+    noise = NOISE_RPM * np.random.default_rng(1).standard_normal(ROWS)
+    speed = np.interp(time_s, fine_s, rows["speed_measured_rad_s"][0]) / RAD_S_PER_RPM
+    return MadeLog(time_s, {"voltage_v": voltage, "speed_rpm": speed + noise})
+
+
+def fast_motor() -> Rig:
+    """The tool with a rotor of 1 ms."""
+    return slow_tool("after").with_values(
+        {
+            "motor.inertia_kg_m2": 6e-7,
+            "gearbox.ratio": 1.0,
+            "gearbox.output_inertia_kg_m2": 1e-9,
+            "sensors.log_hz": 1.0 / FAST_MOTOR_ROW_S,
+        }
+    )
+
+
+@pytest.mark.parametrize("rows", [1.4, 3.3, 5.6, 7.5])
+def test_a_delay_of_several_rows_is_found_though_the_rows_between_do_not_change(
+    rows: float,
+) -> None:
+    """The speed at a row depends on the delay in steps of a row: within a step there is no slope
+    along which a fit could move.
+    """
+    row_s = FAST_MOTOR_ROW_S
+    others = tuple(i for i in BY_ID if i not in ("transport_delay", "coulomb_friction"))
+    log = fast_motor_log(rows * row_s)
+    found = diagnose([log], fast_motor(), DiagnosisOptions(without=others))
+    assert found.selected == ["transport_delay"]
+    delay = found.effect("transport_delay").parameters["delay_s"]
+    assert delay.value == pytest.approx(rows * FAST_MOTOR_ROW_S, abs=FAST_MOTOR_ROW_S)
+    assert delay.ci95[1] - delay.ci95[0] < 4.0 * FAST_MOTOR_ROW_S
+    assert found.gap.after < 0.2 * found.gap.before

@@ -201,6 +201,8 @@ class Effect:
     counted: the value is counted from the logs, not fitted.
     separations: runs that separate it from other effects for a known physical reason.
     hammering: its parameters in a tool with impact mechanism, where their sizes differ.
+    is_resolved: whether the rows of the logs resolve it at values of its parameters, by name; a fit
+    does not start at other ones. None: at any.
     """
 
     id: str
@@ -222,6 +224,7 @@ class Effect:
     counted: bool = False
     separations: tuple[Separation, ...] = ()
     hammering: tuple[Parameter, ...] = ()
+    is_resolved: Callable[[Mapping[str, float], Scales], bool] | None = None
 
     def of_tool(self, scales: Scales) -> "Effect":
         """The effect with the sizes, bounds, starts and forms of the tool and the logs that the
@@ -229,7 +232,7 @@ class Effect:
         """
         found = self
         if scales.hammering and self.hammering:
-            found = replace(found, parameters=self.hammering)
+            found = replace(found, parameters=self.hammering, is_resolved=None)
         if found.form and found.form.of_rows and (scales.hammering or scales.edges):
             words = tuple(w for w in found.form.words if w not in found.form.of_rows)
             found = replace(found, form=replace(found.form, words=words))

@@ -1,6 +1,7 @@
 """Effects of the gear and of the coupling behind it."""
 
-from math import pi
+from collections.abc import Mapping
+from math import inf, pi, sqrt
 
 from .common import PHASE, torque
 from .entry import (
@@ -108,6 +109,15 @@ def _stiffest_coupler(s: Scales) -> float:
     return _coupler_stiffness(s, min(COUPLER_RAD_S[1], 2.0 * pi / s.interval))
 
 
+def _resolves_coupler(values: Mapping[str, float], s: Scales) -> bool:
+    """Whether at most one period of the oscillation of rotor and output side on the coupler passes
+    between two rows.
+    """
+    output = s.inertia - s.motor_inertia + values["inertia_kg_m2"]
+    compliance = (1.0 / s.motor_inertia + 1.0 / output) if output > 0.0 else inf
+    return sqrt(values["stiffness_nm_per_rad"] * compliance) <= 2.0 * pi / s.interval
+
+
 EFFECTS = (
     Effect(
         "load_dependent_friction",
@@ -176,6 +186,7 @@ EFFECTS = (
         ),
         less_likely=True,
         hammering=COUPLER_BEFORE_JOINT,
+        is_resolved=_resolves_coupler,
         separations=(
             Separation(
                 "added_inertia",

@@ -7,6 +7,7 @@ from .entry import MIN_PERIODS, ZERO, Effect, Parameter, Periodic, Separation, c
 from .keys import POSITIVE
 
 LEAST_TURNS = 1e-4  # keeps a number of periods finite
+MIN_WARM_UP_S = 0.1  # no drive warms its grease up in less
 
 EFFECTS = (
     Effect(
@@ -91,11 +92,12 @@ EFFECTS = (
                 "time_s",
                 "s",
                 lambda s: s.duration,
-                lambda s: 0.03 * s.duration,
-                lambda s: 3.0 * s.duration,
+                lambda s: max(0.03 * s.duration, MIN_WARM_UP_S),
+                lambda s: 3.0 * max(s.duration, MIN_WARM_UP_S),
                 (0.15, 0.6),
                 key=POSITIVE,
                 neutral=1.0,
+                widest_low=MIN_WARM_UP_S,
             ),
         ),
         switch=("nm_s_per_rad",),

@@ -16,7 +16,8 @@ EFFECTS = (
                 lambda s: 2.0 * s.interval,
                 lambda s: s.least_delay,
                 longest_delay,
-                (0.0, 1.5, 4.0),
+                (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 9.0, 13.0),
+                step=0.5,  # a row: within it the rows of a motor that settles faster do not change
                 key=NOT_NEGATIVE,
                 low_is_convention=True,
                 plausible=lambda s: max(0.005, 4.0 * s.interval),

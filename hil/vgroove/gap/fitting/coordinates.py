@@ -101,6 +101,7 @@ class HypothesisBuilder:
         ]
         starts = np.meshgrid(*[np.array(s) for _, s in started], indexing="ij")
         grid = np.stack([g.ravel() for g in starts], axis=1) if started else np.zeros((1, 0))
+        grid = self._resolved(effects, [c for c, _ in started], grid)
         coordinates = tuple(c for c, _ in started) + nuisance
         low, high = np.array([c.low for c in coordinates]), np.array([c.high for c in coordinates])
         return [
@@ -110,6 +111,27 @@ class HypothesisBuilder:
             for form in self._forms(effects)
             for row in grid
         ]
+
+    def _resolved(
+        self, effects: Sequence[Effect], coordinates: Sequence[Coordinate], grid: np.ndarray
+    ) -> np.ndarray:
+        """Starts (k, p) of a grid at which the rows of the logs resolve every effect; all where
+        they resolve none.
+        """
+        kept = np.ones(len(grid), bool)
+        for effect in (e.of_tool(self.scales) for e in effects):
+            if effect.is_resolved is None:
+                continue
+            places = {effect.name(p): p.name for p in effect.own_parameters}
+            mine = {
+                places[c.name]: c.origin + c.factors[0] * (c.stated + grid[:, k])
+                for k, c in enumerate(coordinates)
+                if c.name in places
+            }
+            for k in range(len(grid)):
+                values = {name: float(value[k]) for name, value in mine.items()}
+                kept[k] &= effect.is_resolved(values, self.scales)
+        return grid[kept] if kept.any() else grid
 
     def _forms(self, effects: Sequence[Effect]) -> list[tuple[tuple[int, float], ...]]:
         return [

@@ -42,8 +42,13 @@ class MeasuredProblem(Protocol):
         ...
 
     @property
+    def fold(self) -> np.ndarray:
+        """Number (n,) of the fold that tests each row; a number may be without rows."""
+        ...
+
+    @property
     def folds(self) -> Sequence[tuple[np.ndarray, np.ndarray]]:
-        """Masks (n,) of the rows that each fold trains on and tests."""
+        """Masks (n,) of the rows that each fold that has rows trains on and tests."""
         ...
 
     @property

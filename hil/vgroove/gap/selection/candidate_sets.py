@@ -19,7 +19,16 @@ def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
     if known is not None:
         predict_held_out(search.engine, [known])
         return known
-    return search.fit_and_keep(hypotheses_near(search, ids, near))[0]
+    return fit_near(search, ids, near)
+
+
+def fit_near(search: Search, ids: Sequence[str], near: Fit) -> Fit:
+    """Converged fit of a set of ids, started from the parameter values of a related fit even where
+    the set is known: the better of both.
+    """
+    one = search.fit_and_keep(hypotheses_near(search, ids, near))[0]
+    predict_held_out(search.engine, [one])
+    return one
 
 
 def fit_without(search: Search, best: Fit, member: str) -> Fit:
@@ -60,11 +69,14 @@ def prefer_special_cases(search: Search, best: Fit, base: Fit | None = None) -> 
     """The set with each general effect replaced by its special case, where the general effect does
     not outdo it and the set with the special case gains more than the minimum effect size over a
     base set.
+
+    Both must have ended in the same minimum: the special case is fitted again from the values of
+    the general one, even where it is known.
     """
     for member in best.ids:
         known = {e.id for e in search.effects} - set(best.ids)
         for special in (s for s in SPECIAL_CASES.get(member, ()) if s in known):
-            one = fit_set(search, [special if i == member else i for i in best.ids], best)
+            one = fit_near(search, [special if i == member else i for i in best.ids], best)
             if not search.outdoes_special_case(best, one) and gains(search, one, base):
                 return prefer_special_cases(search, one, base)
     return best

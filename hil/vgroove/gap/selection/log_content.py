@@ -129,7 +129,8 @@ def log_flags(problem: Problem) -> frozenset[str]:
         "both": turns_both_ways(problem),
         "load": bool(load),
         "gear": rig.gearbox["ratio"] > 1.0,
-        "output": bool(load) or reflected > MIN_REFLECTED_INERTIA,
+        "output": bool(load)
+        or (reflected > MIN_REFLECTED_INERTIA and not np.isclose(reflected, MIN_REFLECTED_INERTIA)),
     }
     return frozenset(name for name, here in flags.items() if here)
 

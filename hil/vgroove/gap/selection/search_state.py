@@ -546,14 +546,22 @@ class Search:
 
 def held_out_simulation(engine: Engine, one: Fit, problem: MeasuredProblem) -> np.ndarray:
     """Residuals (n,) of another problem on the same logs; the rows of each fold are simulated with
-    the fit to the other folds.
+    the fit to the other folds, those of a fold that the engine's problem has no rows of with the
+    fit to all.
     """
-    points = one.x + engine.fold_steps(one) if len(one.x) else np.zeros((len(problem.folds), 0))
+    numbers = np.unique(problem.fold)
+    points = np.tile(one.x, (len(numbers), 1))
+    if len(one.x):
+        for number, step in zip(
+            np.unique(engine.problem.fold), engine.fold_steps(one), strict=True
+        ):
+            points[numbers == number] += step
     low, high = one.hypothesis.low, one.hypothesis.high
     theta = one.hypothesis.theta(problem.theta0, np.clip(points, low, high))
     rows = problem.residuals(theta, engine.angles if problem is engine.problem else None)
     out = rows[0].copy()
-    for (_, test), row in zip(problem.folds, rows, strict=True):
+    for number, row in zip(numbers, rows, strict=True):
+        test = problem.fold == number
         out[test] = row[test]
     return out
 

@@ -36,7 +36,10 @@ class StartRules:
     # for each parameter set: over the same angle, where one of those beside the predicted angle is
     # better than this one
     first: int = 12
-    halved: int = 4  # how often the step beside the best is halved
+    halved: int = 4  # how often the step beside the best is halved at most
+    # RMS of half the second difference over a step, in standard deviations, up to which it is not
+    # halved further: the statistics are proportional to the angle there
+    proportional: float = 0.25
     rounds: int = 2  # Gauss-Newton steps from the best of these
     difference_rad: float = 1e-3  # between the two angles that give a slope
     for_curvature: int = 7  # angles from which the curvature within a step is taken
@@ -173,25 +176,32 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     limit, weight = free_angle(theta[0]), run.search.of_trials
     step = limit / STARTS.first
     beside = predicted_starts(run, theta)[:, None] + step * np.array([-1.0, 0.0, 1.0])
-    tried = np.clip(beside, -limit, 0.0)
-    found = _Starts(tried, _residuals_from(run, theta, tried)).best(weight)
-    elsewhere = found.start_rad[:, 0] != tried[:, 1]
+    tried = _Starts.of_angles(run, theta, np.clip(beside, -limit, 0.0))
+    found, bent = tried.best(weight), tried.is_bent()
+    elsewhere = found.start_rad[:, 0] != tried.start_rad[:, 1]
     if elsewhere.any():
         everywhere = np.tile(start_angles(theta[0], STARTS.first), (int(elsewhere.sum()), 1))
-        more = _Starts(everywhere, _residuals_from(run, theta[elsewhere], everywhere))
+        more = _Starts.of_angles(run, theta[elsewhere], everywhere)
         found = found.replaced(elsewhere, found.of(elsewhere).joined(more).best(weight))
+    longest, active = np.full(len(theta), step), bent | elsewhere
     for weight in run.search.of_halves:
-        step *= 0.5
-        between = np.clip(found.start_rad + np.array([-step, step]), -limit, 0.0)
-        found = found.joined(_Starts(between, _residuals_from(run, theta, between))).best(weight)
-    return _nearest_minimum(run, theta, found, step)
+        if not active.any():
+            break
+        step, middle = 0.5 * step, found.of(active)
+        beside = middle.start_rad + step * np.array([-1.0, 0.0, 1.0])
+        sides = np.clip(beside[:, [0, 2]], -limit, 0.0)
+        tried = middle.between(_Starts.of_angles(run, theta[active], sides))
+        found, longest[active] = found.replaced(active, tried.best(weight)), step
+        active[active] = tried.is_bent()
+    return _nearest_minimum(run, theta, found, longest)
 
 
 def _nearest_minimum(
-    run: ImpactRun, theta: np.ndarray, found: "_Starts", longest_rad: float
+    run: ImpactRun, theta: np.ndarray, found: "_Starts", longest_rad: np.ndarray
 ) -> np.ndarray:
     """Start angles (B,) in rad of parameter sets (B, P): of the angles `found` (B, 1) and those
-    after each Gauss-Newton step from there, the one of least Huber loss. longest_rad: largest step.
+    after each Gauss-Newton step from there, the one of least Huber loss. longest_rad (B,): largest
+    steps.
     """
     start, at = found.start_rad, found.residual[:, 0]
     for _ in range(STARTS.rounds):
@@ -199,7 +209,7 @@ def _nearest_minimum(
         slope = (np.nan_to_num(moved) - np.nan_to_num(at)) / STARTS.difference_rad
         change = np.clip(_step(np.nan_to_num(at), slope), -longest_rad, longest_rad)
         start = np.clip(start + change[:, None], -free_angle(theta[0]), 0.0)
-        met = _Starts(start, _residuals_from(run, theta, start))
+        met = _Starts.of_angles(run, theta, start)
         at, found = met.residual[:, 0], found.joined(met)
     return found.least(_huber(found.residual)).start_rad[:, 0]
 
@@ -212,6 +222,24 @@ class _Starts:
 
     start_rad: np.ndarray
     residual: np.ndarray
+
+    @staticmethod
+    def of_angles(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> "_Starts":
+        """The simulations of parameter sets (B, P) from start angles (B, K) in rad."""
+        return _Starts(start_rad, _residuals_from(run, theta, start_rad))
+
+    def is_bent(self) -> np.ndarray:
+        """Of three neighbouring angles: whether the residuals of each set (B,) are not proportional
+        to the angle.
+        """
+        left, middle, right = np.moveaxis(self.residual, 1, 0)
+        half = 0.5 * (left + right) - middle
+        return ~(np.sqrt(np.mean(half**2, axis=1)) <= STARTS.proportional)
+
+    def between(self, sides: "_Starts") -> "_Starts":
+        """Of one angle and of two beside it the three in order."""
+        both = self.joined(sides)
+        return _Starts(both.start_rad[:, [1, 0, 2]], both.residual[:, [1, 0, 2]])
 
     def of(self, sets: np.ndarray) -> "_Starts":
         """The angles and residuals of the parameter sets marked in `sets` (B,)."""
