@@ -386,6 +386,45 @@ def test_a_size_that_one_correlation_time_alone_shows_is_not_significant(
     )
 
 
+@pytest.mark.parametrize(
+    ("turns", "periods", "count"), [(0.1, np.inf, 1.0), (4.0, 3.0, 10.0), (4.0, np.inf, 46.0)]
+)
+def test_a_period_that_was_selected_from_many_must_be_more_significant(
+    turns: float, periods: float, count: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Periods from 0.5 a turn, of which MIN_PERIODS fit into 4 turns, to 12, the largest start, or
+    to what the rows resolve.
+    """
+    scales = replace(SCALES, turns=turns, periods=periods)
+    search = SimpleNamespace(
+        engine=SimpleNamespace(scales=scales),
+        blocks=None,
+        block_losses=lambda one: one,
+        gains_share=lambda best, without: True,
+    )
+    level = consistency.significance(search, "cogging_torque")
+    assert 1.0 - level == pytest.approx(0.01 / count)
+    for other in ("coulomb_friction", "gear_eccentricity"):
+        assert consistency.significance(search, other) == 0.99
+    asked: list[float] = []
+    monkeypatch.setattr(
+        established, "difference_interval", lambda _, gain, at: asked.append(at) or (1.0, 2.0)
+    )
+    assert established.gains_enough(search, 1.0, 3.0, "cogging_torque")
+    assert asked == [level]
+
+
+def test_a_size_that_is_significant_alone_may_be_the_best_of_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """About four standard deviations."""
+    block, rng = np.repeat(np.arange(12), 40), np.random.default_rng(2)
+    search, best = sized(np.ones(480), 1.0, 5.5 * rng.normal(size=480), block)
+    assert consistency.is_significant_size(search, best, "coulomb_friction")
+    monkeypatch.setattr(consistency, "significance", lambda *_: 1.0 - 1e-7)
+    assert not consistency.is_significant_size(search, best, "coulomb_friction")
+
+
 # --- flexible corrections ---
 
 

@@ -250,9 +250,26 @@ def keeps_its_size(
     return len(blocks.value) > 1 and blocks.is_constant_by_power()
 
 
+def significance(search: Search, effect_id: str) -> float:
+    """Two-sided level at which an effect is significant: 99 %. Where its number of periods is
+    fitted, the best one of many was selected: the probability of an error is divided by the count
+    of those up to the largest start that the logs tell apart, one for each turn of the shaft
+    (Bonferroni correction).
+    """
+    effect = BY_ID[effect_id]
+    if effect.periodic is None or not effect.periodic.is_fitted:
+        return COMPARISON.significance
+    scales = search.engine.scales
+    (periods,) = (p for p in effect.parameters if p.name == effect.periodic.periods)
+    largest = min(periods.high(scales), max(periods.starts) * periods.size(scales))
+    count = scales.turns * (largest - periods.low(scales))
+    return 1.0 - (1.0 - COMPARISON.significance) / max(1.0, count)
+
+
 def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
-    """Whether the size of an effect differs from 0 at 99 %: by the jackknife over the blocks of the
-    bootstrap, or, where the effect acts in few blocks, by the correlated rows in which it acts.
+    """Whether the size of an effect differs from 0 significantly: by the jackknife over the blocks
+    of the bootstrap, or, where the effect acts in few blocks, by the correlated rows in which it
+    acts.
     """
     tested = search.blocks.tested
     columns, prior = _size_and_other_numbers(best, effect_id)
@@ -262,9 +279,9 @@ def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
     inverse = np.linalg.pinv(columns.T @ columns + np.diag(prior))
     step = -inverse @ (columns.T @ residual)
     influence, left = columns @ inverse[:, 0], residual + columns @ step
-    size = 1.0 + float(step[0])
+    size, quantile = 1.0 + float(step[0]), 0.5 * (1.0 + significance(search, effect_id))
     return any(
-        size > float(t.ppf(0.5 * (1.0 + COMPARISON.significance), freedom)) * error
+        size > float(t.ppf(quantile, freedom)) * error
         for error, freedom in (
             _error_by_blocks(search.blocks, influence, left),
             weighted_sum_error(search.blocks, influence, left),

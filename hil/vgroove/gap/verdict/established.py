@@ -12,7 +12,7 @@ from vgroove.gap.selection.candidate_sets import fit_set, fit_without, ids_witho
 from vgroove.gap.selection.forward import grow, leaves_established_share
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import difference_interval
-from vgroove.gap.selection.search_state import COMPARISON, Search, ends_at_bound, key
+from vgroove.gap.selection.search_state import Search, ends_at_bound, key
 from vgroove.gap.verdict import consistency
 from vgroove.gap.verdict.consistency import LIMITS
 from vgroove.gap.verdict.covariates import Covariates
@@ -120,12 +120,12 @@ class Member:
 
 
 def gains_enough(search: Search, best: Fit, without: Fit, effect_id: str) -> bool:
-    """Whether a member's gain is significant at 99 %, by the block bootstrap or by its sizes apart
-    in parts of the logs, and a substantial share of what retuning leaves, over all signals or in
-    one alone.
+    """Whether a member's gain is significant, by the block bootstrap or by its sizes apart in parts
+    of the logs, and a substantial share of what retuning leaves, over all signals or in one alone.
     """
     gain = search.block_losses(without) - search.block_losses(best)
-    clear = difference_interval(search.blocks, gain, COMPARISON.significance)[0] > 0.0
+    level = consistency.significance(search, effect_id)
+    clear = difference_interval(search.blocks, gain, level)[0] > 0.0
     if not (clear or consistency.is_significant_size(search, best, effect_id)):
         return False
     return search.gains_share(best, without)
