@@ -278,9 +278,7 @@ void bind_plant(nb::module_ &m) {
           "unfinished: for a run whose step budget is used up before its end: raise "
           "(RuntimeError naming row, time and parameter) or nan.\n"
           "least_lanes: smallest number of parameter sets with the same effects, 2 to 8, that are "
-          "simulated together in one vector; 0: what is faster on this processor. The results are "
-          "the "
-          "same.");
+          "simulated together in one vector; 0: by the processor. The results are the same.");
     m.def("audit_log", &audit_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
           "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + "
           "work_load + change of stored.");

@@ -70,8 +70,9 @@ static void run_any(const Run &r, const Job &job) {
              : run_job<Lanes8, STATE_CORE_COUNT>(r, job);
 }
 
-// The batch rows divided into jobs, in the order of the batch: up to eight rows with the same
-// effects form a vector; fewer than options.least_lanes become jobs of one row.
+// The parameter sets of the batch as jobs, in the order of the batch. Up to eight sets with the
+// same effects become one job and run in one vector; fewer than options.least_lanes become a job
+// each.
 static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::size_t batch,
                                 const SimulateOptions &options) {
     std::vector<Job> open, full;

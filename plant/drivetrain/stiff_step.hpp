@@ -1,10 +1,10 @@
 // Step of the drivetrain where it is stiff, so that an explicit method would need very short steps:
 // brushes and dead time around 0 A, tiny inductances and time constants.
 //
-// ROS34PW2 (numeric/rosenbrock.hpp) with part of the Jacobian: the 2 x 2 block of current and
-// speed, and the diagonal elements of the filters. Each stage thus solves two equations for two
-// unknowns. With the diagonal of current and speed alone the steps would have to be several times
-// shorter once the current follows the speed.
+// Method: the Rosenbrock method ROS34PW2 (numeric/rosenbrock.hpp). Of the Jacobian it uses the
+// block of current and speed (2 x 2) and the diagonal elements of the filters, so that each stage
+// solves two equations for two unknowns. Without the off-diagonal elements of the block the steps
+// would have to be several times shorter once the current has settled to that of the speed.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 
@@ -21,8 +21,9 @@ constexpr double STIFF_STRETCH = 64.0;
 // by itself; 0 where it is never fast.
 template <class V> struct Rates { V current, speed, current_filter, speed_filter; };
 
-// The other elements of the block of current and speed: by which the current falls with the speed,
-// A/s per rad/s, and the speed rises with the current, rad/s^2 per A
+// Off-diagonal elements of the Jacobian's block of current and speed: back_emf, by how much dI/dt
+// falls with the speed, A/s per rad/s; torque, by how much dw/dt rises with the current, rad/s^2
+// per A
 template <class V> struct MotorCoupling { V back_emf, torque; };
 
 template <class V, int N>
@@ -50,7 +51,8 @@ VGROOVE_INLINE MotorCoupling<V> stiff_coupling(const Driven<V> &d, const State<V
     if (m.input == InputKind::CURRENT)
         return c;
     const V i = s.x[STATE_CURRENT], k = motor_constant<V>(m.motor, m.effects, i);
-    // the torque falls with a current beyond saturation: 0 keeps the block regular for every step
+    // Far in saturation the torque falls as the current rises. With a negative slope the equations
+    // of a stage could have no unique solution; with 0 they always have one.
     const V torque_slope = max_of<V>(k + i * motor_constant_slope<V>(m.motor, m.effects, i), V{});
     c.back_emf = unless_blocked<V>(d.drive, d.mode, k * m.motor.inductance_inverse);
     c.torque = d.mode.slide * d.mode.slide * torque_slope * m.gear.inertia_inverse;

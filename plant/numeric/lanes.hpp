@@ -30,9 +30,9 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 #define VGROOVE_CLONES_APART __attribute__((noinline))
 #endif
 
-// Smallest number of simulations that run faster together, in the lanes of one vector, than one
-// after the other. A register of AVX-512 holds eight numbers. Without it a step of the vector takes
-// as long as about seven steps of single simulations, however few of its lanes are used.
+// Number of simulations from which it is faster to run them together, one in each lane of a vector,
+// than one after the other. With AVX-512 a register holds all eight lanes. Without it a step of the
+// vector takes as long as about seven steps of single simulations, even if few lanes are in use.
 inline std::size_t least_lanes() {
 #if defined(__x86_64__) && defined(__GNUC__)
     return __builtin_cpu_supports("avx512f") != 0 ? 2 : 7;

@@ -29,8 +29,8 @@ def test_a_block_is_predicted_without_its_own_rows() -> None:
 
 
 def test_rows_of_a_fold_that_the_fit_lacks_are_simulated_with_the_fit_to_all() -> None:
-    """Another problem on the same logs may have samples in a fold in which the fitted one has
-    none, and none in others.
+    """The fit may compare other samples of the logs (a torque balance) than the simulation does: a
+    fold of the simulation can then be without samples in the fit, and the other way round.
     """
     toy = Toy({TORQUE: 0.004})
     engine, best = fit_of(toy, "coulomb_friction")

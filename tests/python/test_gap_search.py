@@ -61,8 +61,8 @@ def test_a_leaner_set_is_fitted_from_the_fuller_sets_values_too() -> None:
 
 def test_a_special_case_is_fitted_from_the_values_of_the_general_effect_too() -> None:
     """Its own first fit ended far from the minimum; the general effect would seem to outdo it."""
-    lag = {"effects.coulomb_friction.torque_nm": 0.006, "effects.speed_gain.relative": 0.02}
-    state = begun_search(Toy(lag))
+    truth = {"effects.coulomb_friction.torque_nm": 0.006, "effects.speed_gain.relative": 0.02}
+    state = begun_search(Toy(truth))
     special, general = (
         ("coulomb_friction", "speed_gain"),
         ("asymmetric_friction", "speed_gain"),

@@ -188,7 +188,7 @@ def test_a_coupler_is_started_where_the_rows_resolve_its_oscillation(row_s: floa
 
 @pytest.mark.parametrize(("share", "shown"), [(0.0099, False), (0.01, False), (0.0101, True)])
 def test_an_output_side_of_a_hundredth_of_the_inertia_is_none(share: float, shown: bool) -> None:
-    """Rigs state so a rotor without output side, since the key may not be 0."""
+    """A rig of a rotor alone states such a small output inertia, since the key may not be 0."""
     motor = slow_tool().motor["inertia_kg_m2"]
     tool = slow_tool().with_values(
         {"gearbox.ratio": 1.0, "gearbox.output_inertia_kg_m2": share * motor}
@@ -199,9 +199,7 @@ def test_an_output_side_of_a_hundredth_of_the_inertia_is_none(share: float, show
 
 
 def fast_motor_log(delay_s: float) -> MadeLog:
-    """Speeds at the rows of a motor that settles within a fraction of a row, under voltages that
-    change at random every 12 rows and act later.
-    """
+    """A log of fast_motor(): its voltage changes at random every 12 rows and acts delay_s later."""
     tool, time_s = fast_motor(), FAST_MOTOR_ROW_S * np.arange(ROWS)
     levels = np.random.default_rng(4).uniform(2.0, 12.0, ROWS // 12 + 1)
     voltage = np.repeat(levels, 12)[:ROWS]
@@ -219,7 +217,7 @@ def fast_motor_log(delay_s: float) -> MadeLog:
 
 
 def fast_motor() -> Rig:
-    """The tool with a rotor of 1 ms."""
+    """A motor that reaches its steady speed in about 1 ms, a small part of a row interval."""
     return slow_tool("after").with_values(
         {
             "motor.inertia_kg_m2": 6e-7,
@@ -237,12 +235,12 @@ def test_a_delay_of_several_rows_is_found_though_the_rows_between_do_not_change(
     """The speed at a row depends on the delay in steps of a row: within a step there is no slope
     along which a fit could move.
     """
-    row_s = FAST_MOTOR_ROW_S
+    delay_s = rows * FAST_MOTOR_ROW_S
     others = tuple(i for i in BY_ID if i not in ("transport_delay", "coulomb_friction"))
-    log = fast_motor_log(rows * row_s)
+    log = fast_motor_log(delay_s)
     found = diagnose([log], fast_motor(), DiagnosisOptions(without=others))
     assert found.selected == ["transport_delay"]
     delay = found.effect("transport_delay").parameters["delay_s"]
-    assert delay.value == pytest.approx(rows * FAST_MOTOR_ROW_S, abs=FAST_MOTOR_ROW_S)
+    assert delay.value == pytest.approx(delay_s, abs=FAST_MOTOR_ROW_S)
     assert delay.ci95[1] - delay.ci95[0] < 4.0 * FAST_MOTOR_ROW_S
     assert found.gap.after < 0.2 * found.gap.before

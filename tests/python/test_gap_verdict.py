@@ -1227,8 +1227,8 @@ def test_special_cases_of_a_member_do_not_count_as_effects_in_its_place() -> Non
 def test_a_rival_of_far_more_plausible_sizes_is_named_where_it_is_established(
     excluded: str, doubtful: str, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of two sets that predict equally well the one with the more probable sizes is named: an
-    inertia that is 57 % too large, for example, instead of a speed sensor whose gain is 134 % off.
+    """Two sets predict the logs equally well, for example an inertia that is 57 % too large and a
+    speed sensor whose gain is 134 % off. The set whose sizes occur more often is named.
     """
     sets = {i: SimpleNamespace(ids=(i,)) for i in "ab"}
     others = {"a": [sets["b"]], "b": [sets["a"]]}

@@ -90,7 +90,8 @@ class HypothesisBuilder:
         from_catalogue: Effect | None = None,
     ) -> list[Hypothesis]:
         """One hypothesis for each form and start of a set of effects: the product of the forms and
-        starts of its members. from_catalogue: a member that starts from the catalogue's values even
+        starts of its members; without starts at which the logs cannot show a member, unless there
+        are no others. from_catalogue: a member that starts from the catalogue's values even
         where `known` has its fitted ones.
         """
         ids = tuple(e.id for e in effects)
@@ -101,37 +102,32 @@ class HypothesisBuilder:
         ]
         starts = np.meshgrid(*[np.array(s) for _, s in started], indexing="ij")
         grid = np.stack([g.ravel() for g in starts], axis=1) if started else np.zeros((1, 0))
-        grid = self._resolved(effects, [c for c, _ in started], grid)
         coordinates = tuple(c for c, _ in started) + nuisance
         low, high = np.array([c.low for c in coordinates]), np.array([c.high for c in coordinates])
-        return [
+        found = [
             Hypothesis(
                 ids, coordinates, np.clip(np.concatenate([row, x_nuisance]), low, high), form
             )
             for form in self._forms(effects)
             for row in grid
         ]
+        return [h for h in found if self._is_resolved(h, effects)] or found
 
-    def _resolved(
-        self, effects: Sequence[Effect], coordinates: Sequence[Coordinate], grid: np.ndarray
-    ) -> np.ndarray:
-        """Starts (k, p) of a grid at which the rows of the logs resolve every effect; all where
-        they resolve none.
+    def _is_resolved(self, h: Hypothesis, effects: Sequence[Effect]) -> bool:
+        """Whether the logs are sampled often enough to show every effect at the start values of a
+        hypothesis.
         """
-        kept = np.ones(len(grid), bool)
         for effect in (e.of_tool(self.scales) for e in effects):
             if effect.is_resolved is None:
                 continue
-            places = {effect.name(p): p.name for p in effect.own_parameters}
-            mine = {
-                places[c.name]: c.origin + c.factors[0] * (c.stated + grid[:, k])
-                for k, c in enumerate(coordinates)
-                if c.name in places
+            theta = h.theta(self.problem.theta0, h.start[None])[0]
+            values = {
+                p.name: float(theta[self.problem.index(effect.column(p))])
+                for p in effect.own_parameters
             }
-            for k in range(len(grid)):
-                values = {name: float(value[k]) for name, value in mine.items()}
-                kept[k] &= effect.is_resolved(values, self.scales)
-        return grid[kept] if kept.any() else grid
+            if not effect.is_resolved(values, self.scales):
+                return False
+        return True
 
     def _forms(self, effects: Sequence[Effect]) -> list[tuple[tuple[int, float], ...]]:
         return [

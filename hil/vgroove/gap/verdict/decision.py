@@ -163,11 +163,10 @@ def is_likelier(search: Search, rival: Fit, part: Fit, covariates: Covariates) -
 def without_replaceable(
     selection: Selection, part: Fit, covariates: Covariates
 ) -> tuple[Fit, list[Fit]]:
-    """The set that is named and its rivals. From an established set of several effects those
-    members are removed that more than DECISION.most_rivals other effects could replace, that of
-    the smallest gain first: they only describe what many smooth corrections would close, and this
-    part of the gap is reported as unexplained. A member stays if no other one is established
-    without it.
+    """The set that is named, and its rivals. If more than DECISION.most_rivals other effects could
+    replace a member of an established set, the logs do not show which of them is present: the
+    member is removed, that of the smallest gain first, and its part of the gap is reported as
+    unexplained. A member stays if nothing would be established without it.
     """
     search, leaner = selection.search, part
     while leaner is not None:
@@ -180,8 +179,8 @@ def without_replaceable(
 
 
 def replacements(member: str, best: Fit, rivals: list[Fit]) -> set[str]:
-    """Effects that could replace a member of a set: those of the rivals without this member, but
-    neither effects of the set nor special cases of the member.
+    """Effects that could replace a member of a set: those that rivals contain in its place. Special
+    cases of the member do not count.
     """
     found = {i for f in rivals if member not in f.ids for i in f.ids if i not in best.ids}
     return found - set(SPECIAL_CASES.get(member, ()))

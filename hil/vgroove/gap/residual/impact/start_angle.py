@@ -237,7 +237,7 @@ class _Starts:
         return ~(np.sqrt(np.mean(half**2, axis=1)) <= STARTS.proportional)
 
     def between(self, sides: "_Starts") -> "_Starts":
-        """Of one angle and of two beside it the three in order."""
+        """This one angle of each set and one on either side of it, in ascending order."""
         both = self.joined(sides)
         return _Starts(both.start_rad[:, [1, 0, 2]], both.residual[:, [1, 0, 2]])
 
