@@ -23,6 +23,10 @@ constexpr std::uint32_t EFFECTS_WITH_STATES = EFFECT_SUPPLY_DROOP | EFFECT_WINDI
                                               EFFECT_TWO_BODIES | EFFECT_CURRENT_LAG |
                                               EFFECT_SPEED_LAG;
 
+// Effects whose voltage or torque is not linear in the current
+constexpr std::uint32_t EFFECTS_NOT_LINEAR_IN_CURRENT =
+    EFFECT_BRUSH_DROP | EFFECT_DEAD_TIME | EFFECT_MAGNETIC_SATURATION;
+
 // An effect that changes a coefficient (R, L, k, J, Coulomb or viscous torque, ...) is part of the
 // model's constants and has no switch.
 std::uint32_t effects_of(const Parameters &p);

@@ -67,6 +67,20 @@ VGROOVE_INLINE V friction_sliding(const Friction<V> &p, std::uint32_t effects, V
     return torque;
 }
 
+// dT / dw of the parts that grow with speed
+template <class V>
+VGROOVE_INLINE V friction_speed_slope(const Friction<V> &p, std::uint32_t effects, V slide, V w,
+                                      V time_s) {
+    V slope = p.viscous;
+    if (effects & EFFECT_QUADRATIC_DRAG)
+        slope += 2.0 * p.drag * abs_of<V>(w);
+    if (effects & EFFECT_COLD_GREASE)
+        slope += p.grease * exp_of<V>(-time_s * p.grease_rate);
+    if (effects & EFFECT_DIRECTIONAL_VISCOUS)
+        slope += slide * p.directional;
+    return slope;
+}
+
 // At rest any torque from -(Tc + breakaway + backward) to Tc + breakaway + forward is held; both
 // ends are limits of the sliding torque for w -> 0.
 template <class V> struct HoldLimits { V forward_nm, backward_nm; };
@@ -89,6 +103,17 @@ VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std::uint32_t effects, 
     if (effects & EFFECT_GEAR_ECCENTRICITY)
         torque += p.eccentricity_nm * sin_of<V>(angle * p.ratio_inverse + p.eccentricity_phase);
     return torque;
+}
+
+// Angular frequency with which that torque changes at speed w, rad/s
+template <class V>
+VGROOVE_INLINE V friction_angle_frequency(const Friction<V> &p, std::uint32_t effects, V w) {
+    V periods{};
+    if (effects & EFFECT_GEAR_ECCENTRICITY)
+        periods = abs_of<V>(p.ratio_inverse);
+    if (effects & EFFECT_COGGING_TORQUE)
+        periods = max_of<V>(periods, p.cogging_periods);
+    return periods * abs_of<V>(w);
 }
 
 // Potential energy of both: -torque_nm / periods cos(periods th + phase) - torque_nm N cos(th / N +

@@ -55,6 +55,8 @@ template <class V, int N> static void run_job(const Run &r, const Job &job) {
     g.cancellation = r.options.cancellation;
     std::fill_n(g.exhausted_row, LaneTraits<V>::COUNT, NOT_EXHAUSTED);
     g.solver.exact = job.exact;
+    g.solver.exponential = !r.options.adaptive && r.in->kind != InputKind::CURRENT &&
+                           !(job.effects & EFFECTS_NOT_LINEAR_IN_CURRENT);
     run_rows(g, *r.in, *r.starts, *r.out);
     for (int lane = 0; lane < g.lanes; ++lane)
         r.exhausted_row[g.batch_row[lane]] = g.exhausted_row[lane];

@@ -34,7 +34,9 @@ struct LogStarts {
 
 struct SimulateOptions {
     int threads = 1;
-    bool adaptive = false;   // Runge-Kutta for every drivetrain; else exact where it is linear
+    // Runge-Kutta for every drivetrain; else exact where it is linear, by exponential steps where
+    // it is stiff
+    bool adaptive = false;
     double tolerance = 0.0;  // of Runge-Kutta, local error over scale; 0: SOLVER_TOLERANCE
     // smallest number of parameter sets that are simulated together in one vector, 2 to 8
     std::size_t least_lanes = vgroove::least_lanes();

@@ -59,6 +59,7 @@ template <class V, int N> struct Solver {
     double error_scale;                        // 1 / tolerance of the local error
     bool short_first_step;  // the caller gave a tolerance: look for events as in exact stretches
     bool exact;             // linear between events: flow.hpp instead of Runge-Kutta
+    bool exponential;       // stiff steps by exponential_step.hpp, else by stiff_step.hpp
 };
 
 template <class V, int N> VGROOVE_INLINE void flush_tiny(State<V, N> &s) {

@@ -1,10 +1,11 @@
 // One trial step of the drivetrain's solver: exact where the drivetrain is linear, else by Dormand
-// and Prince, or by ROS34PW2 where it is stiff.
+// and Prince, or, where it is stiff, by an exponential method or by ROS34PW2.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_SOLVER_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_SOLVER_STEP_HPP
 
 #include <new>
 
+#include "drivetrain/exponential_step.hpp"
 #include "drivetrain/flow.hpp"
 #include "drivetrain/solver_state.hpp"
 #include "drivetrain/stiff_step.hpp"
@@ -66,21 +67,49 @@ VGROOVE_INLINE Trial<V, N> solver_try_stiff(const Solver<V, N> &self, const Rate
     return a;
 }
 
-// The stiff trial in the lanes that are stiff, the explicit one in the others
 template <class V, int N>
-VGROOVE_INLINE Trial<V, N> solver_mixed(const Trial<V, N> &stiff, const Trial<V, N> &plain,
-                                        const bool *is_stiff) {
-    Trial<V, N> a = plain;
+VGROOVE_INLINE Trial<V, N> solver_try_exponential(const Solver<V, N> &self, const Rates<V> &rates,
+                                                  V h) {
+    const ExponentialStep<V, N> end = exponential_step<V, N>({self.model, self.drive, self.mode},
+                                                             rates, h, self.state, self.slope);
+    return {end.state, end.slope,
+            solver_error<V, N>(self.model, splat<V>(1.0), end.error, self.error_scale)};
+}
+
+enum class StepMethod { EXPLICIT, ROSENBROCK, EXPONENTIAL };
+
+// Method of a lane's step of length h. Stiff steps of Rosenbrock last many time constants of the
+// stretch; exponential ones are limited by the decay and not by torques that oscillate with the
+// angle, and are not so long that rounding errors of the decay show.
+template <class V, int N>
+VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, double h, int lane) {
+    if (!(rate * h > STIFF_STEP))
+        return StepMethod::EXPLICIT;
+    if constexpr (N == STATE_CORE_COUNT)
+        if (self.exponential && rate * h < EXPONENTIAL_DECAY) {
+            const Drivetrain<V> &m = self.model;
+            const V oscillates =
+                friction_angle_frequency<V>(m.friction, m.effects, self.state.x[STATE_SPEED]);
+            return rate > EXPONENTIAL_RATIO * get(oscillates, lane) ? StepMethod::EXPONENTIAL
+                                                                    : StepMethod::EXPLICIT;
+        }
+    return rate * self.least_s[lane] > STIFF_STRETCH * SOLVER_STEP_MIN ? StepMethod::ROSENBROCK
+                                                                       : StepMethod::EXPLICIT;
+}
+
+// The trials of the lanes that have one method, the others stay
+template <class V, int N>
+VGROOVE_INLINE void solver_take(Trial<V, N> &all, const Trial<V, N> &one, const StepMethod *method,
+                                StepMethod its) {
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
-        if (!is_stiff[lane])
+        if (method[lane] != its)
             continue;
         for (int n = 0; n < N; ++n) {
-            set(a.state.x[n], lane, get(stiff.state.x[n], lane));
-            set(a.slope.x[n], lane, get(stiff.slope.x[n], lane));
+            set(all.state.x[n], lane, get(one.state.x[n], lane));
+            set(all.slope.x[n], lane, get(one.slope.x[n], lane));
         }
-        set(a.error, lane, get(stiff.error, lane));
+        set(all.error, lane, get(one.error, lane));
     }
-    return a;
 }
 
 // Slopes of the lanes whose state, drive or modes have changed
@@ -101,8 +130,7 @@ template <class V, int N> VGROOVE_INLINE void solver_refresh(Solver<V, N> &self)
     }
 }
 
-// A step of length h in each lane; a lane with h = 0 stays where it is. Stiff: the rate times the
-// step, and the rate times the whole stretch, are above their limits.
+// A step of length h in each lane; a lane with h = 0 stays where it is.
 template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step(Solver<V, N> &self, V h) {
     if constexpr (LaneTraits<V>::COUNT == 1)
         if (self.exact) {
@@ -114,20 +142,22 @@ template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step(Solver<V, N> &s
     solver_refresh(self);
     const Rates<V> rates = stiff_rates<V, N>(self.model, self.drive, self.mode, self.state);
     const V fastest = fastest_rate<V>(rates);
-    bool all = true, any = false;
-    bool is_stiff[LaneTraits<V>::COUNT];
+    bool uses[3] = {false, false, false};
+    StepMethod method[LaneTraits<V>::COUNT];
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
-        const double rate = get(fastest, lane);
-        is_stiff[lane] = rate * get(h, lane) > STIFF_STEP &&
-                         rate * self.least_s[lane] > STIFF_STRETCH * SOLVER_STEP_MIN;
-        const bool stays = get(h, lane) == 0.0;
-        all = all && (is_stiff[lane] || stays);
-        any = any || is_stiff[lane];
+        method[lane] = solver_method(self, get(fastest, lane), get(h, lane), lane);
+        if (get(h, lane) != 0.0)
+            uses[static_cast<int>(method[lane])] = true;
     }
-    if (!any)
-        return solver_try_explicit(self, h);
-    const Trial<V, N> a = solver_try_stiff(self, rates, h);
-    return all ? a : solver_mixed(a, solver_try_explicit(self, h), is_stiff);
+    Trial<V, N> a{};
+    if (uses[static_cast<int>(StepMethod::EXPLICIT)])
+        a = solver_try_explicit(self, h);
+    if (uses[static_cast<int>(StepMethod::ROSENBROCK)])
+        solver_take(a, solver_try_stiff(self, rates, h), method, StepMethod::ROSENBROCK);
+    if constexpr (N == STATE_CORE_COUNT)
+        if (uses[static_cast<int>(StepMethod::EXPONENTIAL)])
+            solver_take(a, solver_try_exponential(self, rates, h), method, StepMethod::EXPONENTIAL);
+    return a;
 }
 
 }  // namespace vgroove

@@ -13,9 +13,13 @@
 
 namespace vgroove {
 
-// A step is stiff where the rate times the step and the rate times the whole stretch exceed these.
+// A step is stiff where the rate times the step exceeds STIFF_STEP and the rate times the whole
+// stretch STIFF_STRETCH; an exponential one where the rate exceeds the frequency of the torques
+// over the angle EXPONENTIAL_RATIO times.
 constexpr double STIFF_STEP = 1.2;
 constexpr double STIFF_STRETCH = 64.0;
+constexpr double EXPONENTIAL_RATIO = 4.0;
+constexpr double EXPONENTIAL_DECAY = 1e6;
 
 // Diagonal elements of the Jacobian with the sign changed, 1/s: the rate at which each state decays
 // by itself; 0 where it is never fast.
@@ -65,9 +69,11 @@ VGROOVE_INLINE Rates<V> stiff_rates(const Drivetrain<V> &m, const Drive<V> &in, 
     Rates<V> r{};
     if (m.input != InputKind::CURRENT)
         r.current = max_of<V>(rate_of_current<V, N>(m, in, mode, s), V{});
-    V drag = abs_of<V>(m.friction.viscous);
+    const V w = s.x[STATE_SPEED];
+    V drag =
+        max_of<V>(friction_speed_slope<V>(m.friction, m.effects, mode.slide, w, in.time_s), V{});
     if (!(m.effects & EFFECT_TWO_BODIES))
-        drag += max_of<V>(load_speed_slope<V>(m.load, s.x[STATE_SPEED]), V{});
+        drag += max_of<V>(load_speed_slope<V>(m.load, w), V{});
     r.speed = mode.slide * mode.slide * drag * m.gear.inertia_inverse;
     if (m.effects & EFFECT_CURRENT_LAG)
         r.current_filter = m.sensors.current_lag_rate;

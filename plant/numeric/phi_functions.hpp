@@ -54,21 +54,64 @@ template <class V> VGROOVE_INLINE PhiFunctions<V> phi_taylor(V trace, V det) {
     return f;
 }
 
+// phi_0 to phi_4
+template <class V> struct PhiFunctions4 {
+    PhiFunctions<V> low;
+    MatrixFunction<V> p4;
+};
+
+template <class V> VGROOVE_INLINE PhiFunctions4<V> phi_taylor_4(V trace, V det) {
+    V a = splat<V>(1.0 / 20922789888000.0), b{};
+    double factorial = 20922789888000.0;  // 16!
+    for (int n = 16; n > 4; --n) {
+        factorial /= n;
+        const V next = 1.0 / factorial - b * det;
+        b = a + b * trace;
+        a = next;
+    }
+    PhiFunctions4<V> f;
+    f.p4 = {a, b};
+    f.low.p3 = {1.0 / 6.0 - b * det, a + b * trace};
+    f.low.p2 = {0.5 - f.low.p3.b * det, f.low.p3.a + f.low.p3.b * trace};
+    f.low.p1 = {1.0 - f.low.p2.b * det, f.low.p2.a + f.low.p2.b * trace};
+    f.low.e = {1.0 - f.low.p1.b * det, f.low.p1.a + f.low.p1.b * trace};
+    return f;
+}
+
+// The functions of 2 Z from those of Z, whose trace and determinant are given
+template <class V>
+VGROOVE_INLINE PhiFunctions<V> phi_doubled(const PhiFunctions<V> &f, V trace, V det) {
+    const MatrixFunction<V> q1 = matrix_product<V>(f.e, f.p1, trace, det),
+                            q2 = matrix_product<V>(f.e, f.p2, trace, det);
+    const MatrixFunction<V> q3 = matrix_product<V>(f.e, f.p3, trace, det),
+                            q0 = matrix_product<V>(f.e, f.e, trace, det);
+    PhiFunctions<V> g;
+    g.p3 = {0.125 * (q3.a + 0.5 * f.p1.a + f.p2.a + f.p3.a),
+            0.0625 * (q3.b + 0.5 * f.p1.b + f.p2.b + f.p3.b)};
+    g.p2 = {0.25 * (q2.a + f.p1.a + f.p2.a), 0.125 * (q2.b + f.p1.b + f.p2.b)};
+    g.p1 = {0.5 * (q1.a + f.p1.a), 0.25 * (q1.b + f.p1.b)};
+    g.e = {q0.a, 0.5 * q0.b};
+    return g;
+}
+
+template <class V>
+VGROOVE_INLINE PhiFunctions4<V> phi_doubled(const PhiFunctions4<V> &f, V trace, V det) {
+    const MatrixFunction<V> q = matrix_product<V>(f.low.e, f.p4, trace, det);
+    constexpr double THIRD = 1.0 / 6.0;
+    PhiFunctions4<V> g;
+    g.low = phi_doubled<V>(f.low, trace, det);
+    g.p4 = {0.0625 * (q.a + THIRD * f.low.p1.a + 0.5 * f.low.p2.a + f.low.p3.a + f.p4.a),
+            0.03125 * (q.b + THIRD * f.low.p1.b + 0.5 * f.low.p2.b + f.low.p3.b + f.p4.b)};
+    return g;
+}
+
 // e^Z, phi_1, phi_2 and phi_3 of Z from its trace and determinant; halvings: enough for every lane
 template <class V> VGROOVE_INLINE PhiFunctions<V> phi_functions(V trace, V det, int halvings) {
     const double scale = std::ldexp(1.0, -halvings);
     V t = trace * scale, d = det * (scale * scale);
     PhiFunctions<V> f = phi_taylor<V>(t, d);
     for (int n = 0; n < halvings; ++n) {
-        const MatrixFunction<V> q1 = matrix_product<V>(f.e, f.p1, t, d),
-                                q2 = matrix_product<V>(f.e, f.p2, t, d);
-        const MatrixFunction<V> q3 = matrix_product<V>(f.e, f.p3, t, d),
-                                q0 = matrix_product<V>(f.e, f.e, t, d);
-        f.p3 = {0.125 * (q3.a + 0.5 * f.p1.a + f.p2.a + f.p3.a),
-                0.0625 * (q3.b + 0.5 * f.p1.b + f.p2.b + f.p3.b)};
-        f.p2 = {0.25 * (q2.a + f.p1.a + f.p2.a), 0.125 * (q2.b + f.p1.b + f.p2.b)};
-        f.p1 = {0.5 * (q1.a + f.p1.a), 0.25 * (q1.b + f.p1.b)};
-        f.e = {q0.a, 0.5 * q0.b};
+        f = phi_doubled<V>(f, t, d);
         t = 2.0 * t;
         d = 4.0 * d;
     }
