@@ -1,7 +1,8 @@
 // Step of the drivetrain by an exponential Rosenbrock method: current and speed, linearised at the
 // start of the step, are exact at any length, and only torques that are not linear limit the step
-// (drag, Stribeck friction, cogging, ...). The current must be linear: its jumps are over between
-// the points of a long step.
+// (drag, Stribeck friction, cogging, ...). Voltage and torque must be linear in the current: after
+// a jump of the command the current changes between the points of a long step, where nothing is
+// computed.
 //
 // With x = (i, w), Z = h A, A the Jacobian, and the remainder n = x' - A x as a polynomial
 // c0 + c1 s + c2 s^2 of s = t / h, x(h) = e^Z x + h (phi1(Z) c0 + phi2(Z) c1 + 2 phi3(Z) c2), and
@@ -24,16 +25,17 @@ namespace vgroove {
 // The estimate of the error, which is to first order, is multiplied by this.
 constexpr double EXPONENTIAL_SAFETY = 2.0;
 
-// Values that belong to current and speed
+// A number for the current (i) and one for the speed (w)
 template <class V> struct MotorPair { V i, w; };
 
-// A 2 x 2 matrix that acts on them
+// A 2 x 2 matrix: iw is the influence of the speed on the current
 template <class V> struct MotorMatrix { V ii, iw, wi, ww; };
 
-// The functions phi_0 to phi_4 of a share of Z
+// What leads from the start of a step to a part of it: phi_0 to phi_4 of share Z, share: the length
+// of the part over that of the step
 template <class V> struct Propagator {
     double share;
-    MotorMatrix<V> z;  // share Z
+    MotorMatrix<V> z;  // share h A
     PhiFunctions4<V> phi;
 };
 
@@ -57,41 +59,8 @@ template <class V> VGROOVE_INLINE MotorMatrix<V> motor_scaled(const MotorMatrix<
     return {m.ii * factor, m.iw * factor, m.wi * factor, m.ww * factor};
 }
 
-// Functions at a quarter, a half and the whole of a step. Every lane has halvings of its own, so
-// that its result does not depend on the other lanes.
+// For a quarter, a half and the whole of a step
 template <class V> struct Propagators { Propagator<V> quarter, half, whole; };
-
-template <class V>
-VGROOVE_INLINE PhiFunctions4<V> phi_chosen(const PhiFunctions4<V> &one, const PhiFunctions4<V> &two,
-                                           const V &takes_two) {
-    PhiFunctions4<V> f;
-    const V *a = &one.low.e.a, *b = &two.low.e.a;
-    V *to = &f.low.e.a;
-    for (unsigned n = 0; n < sizeof f / sizeof(V); ++n)
-        to[n] = takes_two > 0.0 ? b[n] : a[n];
-    return f;
-}
-
-template <class V> VGROOVE_INLINE PhiFunctions4<V> phi_functions_4(V trace, V det) {
-    int most = 0, needs[LaneTraits<V>::COUNT];
-    V scale{};
-    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
-        needs[lane] = phi_halvings(get(trace, lane), get(det, lane));
-        most = needs[lane] > most ? needs[lane] : most;
-        set(scale, lane, std::ldexp(1.0, -needs[lane]));
-    }
-    V t = trace * scale, d = det * scale * scale;
-    PhiFunctions4<V> f = phi_taylor_4<V>(t, d);
-    for (int n = 0; n < most; ++n) {
-        V doubles{};
-        for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
-            set(doubles, lane, n < needs[lane] ? 1.0 : 0.0);
-        f = phi_chosen<V>(f, phi_doubled<V>(f, t, d), doubles);
-        t = (1.0 + doubles) * t;
-        d = (1.0 + 3.0 * doubles) * d;
-    }
-    return f;
-}
 
 template <class V> VGROOVE_INLINE Propagators<V> propagators(const MotorMatrix<V> &jacobian, V h) {
     Propagators<V> p;
@@ -109,8 +78,8 @@ template <class V> VGROOVE_INLINE Propagators<V> propagators(const MotorMatrix<V
     return p;
 }
 
-// State at the propagator's share of a step of length h from y: current, speed, angle and the
-// integral of the current
+// State after a part of a step of length h that begins at y: current, speed, angle and the integral
+// of the current follow the propagator p, the other states stay. n: remainder along the whole step
 template <class V, int N>
 VGROOVE_INLINE State<V, N> motor_moved(const Propagator<V> &p, V h, const State<V, N> &y,
                                        const Remainder<V> &n) {
@@ -171,9 +140,10 @@ VGROOVE_INLINE V motor_dips(V slide, V h, const State<V, N> (&at)[4],
     return slide * at[3].x[STATE_SPEED] < 0.0 ? V{} : inside;
 }
 
-// Whether a shaft at rest may break away between the points of a step at the end of which it is
-// held. The current follows the command with a lag: it lies between its start, the current that the
-// command at the start would settle to, and those at the other points.
+// Whether friction may fail to hold a shaft at rest somewhere within a step although it holds it at
+// the end. The current follows the command with a lag, so that its extremes are among: its value at
+// the start, the steady-state current of the command at the start, and its values at the other
+// points. slope_a: derivative of the current at the start, A/s
 template <class V, int N>
 VGROOVE_INLINE V motor_breaks_away(const Driven<V> &d, const MotorMatrix<V> &jacobian, V h,
                                    const State<V, N> (&at)[4], const V &slope_a) {
@@ -215,7 +185,8 @@ VGROOVE_INLINE V bus_time(V per_ampere, V h, const State<V, N> (&at)[4],
            h * (1.0 / 6.0) * (rest(0) + 4.0 * rest(2) + rest(3));
 }
 
-// What a further pass would change: both passes changed the value by a geometric series
+// Estimate of what further passes would change in a value, from its three results so far: the
+// changes from pass to pass form a geometric series
 template <class V, int N>
 VGROOVE_INLINE V error_of_passes(const State<V, N> (&found)[3], int index) {
     const V first = abs_of<V>(found[1].x[index] - found[0].x[index]),
@@ -223,26 +194,18 @@ VGROOVE_INLINE V error_of_passes(const State<V, N> (&found)[3], int index) {
     return second < first ? second * second / first : second;
 }
 
-template <class V>
-VGROOVE_INLINE MotorMatrix<V> motor_jacobian(const Driven<V> &d, const Rates<V> &r) {
-    const Drivetrain<V> &m = d.model;
-    const V back_emf =
-        unless_blocked<V>(d.drive, d.mode, m.motor.constant * m.motor.inductance_inverse);
-    const V torque = d.mode.slide * d.mode.slide * m.motor.constant * m.gear.inertia_inverse;
-    return {-r.current, -back_emf, torque, -r.speed};
-}
-
 template <class V, int N> struct ExponentialStep {
     State<V, N> state, slope;  // at the end
     State<V, N> error;         // of current and speed; infinite where a shorter step must be taken
 };
 
-// slope: the derivative at the start of the step.
+// r: rates at the start of the step, y: state there, slope: its derivative
 template <class V, int N>
 VGROOVE_INLINE ExponentialStep<V, N> exponential_step(const Driven<V> &d, const Rates<V> &r, V h,
                                                       const State<V, N> &y,
                                                       const State<V, N> &slope) {
-    const MotorMatrix<V> a = motor_jacobian<V>(d, r);
+    const MotorCoupling<V> c = stiff_coupling<V, N>(d, y);
+    const MotorMatrix<V> a{-r.current, -c.back_emf, c.torque, -r.speed};
     const Propagators<V> p = propagators<V>(a, h);
     const auto derivative = [&](const Propagator<V> &at, const State<V, N> &s)
         __attribute__((always_inline)) {
@@ -250,6 +213,7 @@ VGROOVE_INLINE ExponentialStep<V, N> exponential_step(const Driven<V> &d, const 
     };
     const MotorPair<V> n0 = remainder_of<V, N>(a, y, slope);
     Remainder<V> n{n0, {}, {}};
+    // at the start, a quarter, a half and the end of the step
     State<V, N> at[4] = {y, y, y, motor_moved<V, N>(p.whole, h, y, n)};
     State<V, N> found[3] = {at[3], at[3], at[3]};
     State<V, N> slopes[4] = {slope, slope, slope, derivative(p.whole, at[3])};

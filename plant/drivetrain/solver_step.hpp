@@ -78,26 +78,21 @@ VGROOVE_INLINE Trial<V, N> solver_try_exponential(const Solver<V, N> &self, cons
 
 enum class StepMethod { EXPLICIT, ROSENBROCK, EXPONENTIAL };
 
-// Method of a lane's step of length h. Stiff steps of Rosenbrock last many time constants of the
-// stretch; exponential ones are limited by the decay and not by torques that oscillate with the
-// angle, and are not so long that rounding errors of the decay show.
+// Method of a lane's step of length h. rate: the fastest one of the lane, oscillates: angular
+// frequency of the torques that depend on its angle, 1/s (limits: stiff_step.hpp)
 template <class V, int N>
-VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, double h, int lane) {
+VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, double oscillates,
+                                        double h, int lane) {
     if (!(rate * h > STIFF_STEP))
         return StepMethod::EXPLICIT;
-    if constexpr (N == STATE_CORE_COUNT)
-        if (self.exponential && rate * h < EXPONENTIAL_DECAY) {
-            const Drivetrain<V> &m = self.model;
-            const V oscillates =
-                friction_angle_frequency<V>(m.friction, m.effects, self.state.x[STATE_SPEED]);
-            return rate > EXPONENTIAL_RATIO * get(oscillates, lane) ? StepMethod::EXPONENTIAL
-                                                                    : StepMethod::EXPLICIT;
-        }
+    if (N == STATE_CORE_COUNT && self.exponential && rate * h < EXPONENTIAL_DECAY)
+        return rate > EXPONENTIAL_RATIO * oscillates ? StepMethod::EXPONENTIAL
+                                                     : StepMethod::EXPLICIT;
     return rate * self.least_s[lane] > STIFF_STRETCH * SOLVER_STEP_MIN ? StepMethod::ROSENBROCK
                                                                        : StepMethod::EXPLICIT;
 }
 
-// The trials of the lanes that have one method, the others stay
+// Copies the trial `one` into the lanes of `all` whose method is `its`.
 template <class V, int N>
 VGROOVE_INLINE void solver_take(Trial<V, N> &all, const Trial<V, N> &one, const StepMethod *method,
                                 StepMethod its) {
@@ -142,10 +137,13 @@ template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step(Solver<V, N> &s
     solver_refresh(self);
     const Rates<V> rates = stiff_rates<V, N>(self.model, self.drive, self.mode, self.state);
     const V fastest = fastest_rate<V>(rates);
+    const V oscillates = friction_angle_frequency<V>(self.model.friction, self.model.effects,
+                                                     self.state.x[STATE_SPEED]);
     bool uses[3] = {false, false, false};
     StepMethod method[LaneTraits<V>::COUNT];
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
-        method[lane] = solver_method(self, get(fastest, lane), get(h, lane), lane);
+        method[lane] =
+            solver_method(self, get(fastest, lane), get(oscillates, lane), get(h, lane), lane);
         if (get(h, lane) != 0.0)
             uses[static_cast<int>(method[lane])] = true;
     }

@@ -14,8 +14,10 @@
 namespace vgroove {
 
 // A step is stiff where the rate times the step exceeds STIFF_STEP and the rate times the whole
-// stretch STIFF_STRETCH; an exponential one where the rate exceeds the frequency of the torques
-// over the angle EXPONENTIAL_RATIO times.
+// stretch STIFF_STRETCH. In place of the latter, exponential steps (exponential_step.hpp) are taken
+// where the rate exceeds EXPONENTIAL_RATIO times the angular frequency of cogging and eccentricity,
+// which they do not solve faster than an explicit method, and the rate times the step is below
+// EXPONENTIAL_DECAY, above which they lose digits by rounding.
 constexpr double STIFF_STEP = 1.2;
 constexpr double STIFF_STRETCH = 64.0;
 constexpr double EXPONENTIAL_RATIO = 4.0;
@@ -55,9 +57,11 @@ VGROOVE_INLINE MotorCoupling<V> stiff_coupling(const Driven<V> &d, const State<V
     if (m.input == InputKind::CURRENT)
         return c;
     const V i = s.x[STATE_CURRENT], k = motor_constant<V>(m.motor, m.effects, i);
-    // Far in saturation the torque falls as the current rises. With a negative slope the equations
-    // of a stage could have no unique solution; with 0 they always have one.
-    const V torque_slope = max_of<V>(k + i * motor_constant_slope<V>(m.motor, m.effects, i), V{});
+    // Far in saturation the torque falls as the current rises. With a slope of another sign than
+    // the torque constant the equations of a stage could have no unique solution; with 0 they have
+    // one.
+    const V slope = k + i * motor_constant_slope<V>(m.motor, m.effects, i);
+    const V torque_slope = k < 0.0 ? min_of<V>(slope, V{}) : max_of<V>(slope, V{});
     c.back_emf = unless_blocked<V>(d.drive, d.mode, k * m.motor.inductance_inverse);
     c.torque = d.mode.slide * d.mode.slide * torque_slope * m.gear.inertia_inverse;
     return c;

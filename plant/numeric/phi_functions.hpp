@@ -37,21 +37,37 @@ VGROOVE_INLINE int phi_halvings(double trace, double det) {
     return radius > PHI_TAYLOR_RADIUS && radius < 1e300 ? std::ilogb(radius) + 1 : 0;
 }
 
-template <class V> VGROOVE_INLINE PhiFunctions<V> phi_taylor(V trace, V det) {
-    V a = splat<V>(1.0 / 1307674368000.0), b{};
-    double factorial = 1307674368000.0;  // 15!
-    for (int n = 15; n > 3; --n) {
+// Sum of Z^n / (first + n)! up to 1 / last!; factorial: last!
+template <class V>
+VGROOVE_INLINE MatrixFunction<V> phi_sum(V trace, V det, int first, int last, double factorial) {
+    V a = splat<V>(1.0 / factorial), b{};
+    for (int n = last; n > first; --n) {
         factorial /= n;
         const V next = 1.0 / factorial - b * det;
         b = a + b * trace;
         a = next;
     }
+    return {a, b};
+}
+
+// c I + Z f, which leads from phi_k to phi_(k-1) with c = 1 / (k - 1)!
+template <class V>
+VGROOVE_INLINE MatrixFunction<V> phi_lower(double c, const MatrixFunction<V> &f, V trace, V det) {
+    return {c - f.b * det, f.a + f.b * trace};
+}
+
+template <class V>
+VGROOVE_INLINE PhiFunctions<V> phi_from_p3(const MatrixFunction<V> &p3, V trace, V det) {
     PhiFunctions<V> f;
-    f.p3 = {a, b};
-    f.p2 = {0.5 - f.p3.b * det, f.p3.a + f.p3.b * trace};
-    f.p1 = {1.0 - f.p2.b * det, f.p2.a + f.p2.b * trace};
-    f.e = {1.0 - f.p1.b * det, f.p1.a + f.p1.b * trace};
+    f.p3 = p3;
+    f.p2 = phi_lower<V>(0.5, f.p3, trace, det);
+    f.p1 = phi_lower<V>(1.0, f.p2, trace, det);
+    f.e = phi_lower<V>(1.0, f.p1, trace, det);
     return f;
+}
+
+template <class V> VGROOVE_INLINE PhiFunctions<V> phi_taylor(V trace, V det) {
+    return phi_from_p3<V>(phi_sum<V>(trace, det, 3, 15, 1307674368000.0), trace, det);
 }
 
 // phi_0 to phi_4
@@ -61,21 +77,8 @@ template <class V> struct PhiFunctions4 {
 };
 
 template <class V> VGROOVE_INLINE PhiFunctions4<V> phi_taylor_4(V trace, V det) {
-    V a = splat<V>(1.0 / 20922789888000.0), b{};
-    double factorial = 20922789888000.0;  // 16!
-    for (int n = 16; n > 4; --n) {
-        factorial /= n;
-        const V next = 1.0 / factorial - b * det;
-        b = a + b * trace;
-        a = next;
-    }
-    PhiFunctions4<V> f;
-    f.p4 = {a, b};
-    f.low.p3 = {1.0 / 6.0 - b * det, a + b * trace};
-    f.low.p2 = {0.5 - f.low.p3.b * det, f.low.p3.a + f.low.p3.b * trace};
-    f.low.p1 = {1.0 - f.low.p2.b * det, f.low.p2.a + f.low.p2.b * trace};
-    f.low.e = {1.0 - f.low.p1.b * det, f.low.p1.a + f.low.p1.b * trace};
-    return f;
+    const MatrixFunction<V> p4 = phi_sum<V>(trace, det, 4, 16, 20922789888000.0);
+    return {phi_from_p3<V>(phi_lower<V>(1.0 / 6.0, p4, trace, det), trace, det), p4};
 }
 
 // The functions of 2 Z from those of Z, whose trace and determinant are given
@@ -97,11 +100,11 @@ VGROOVE_INLINE PhiFunctions<V> phi_doubled(const PhiFunctions<V> &f, V trace, V 
 template <class V>
 VGROOVE_INLINE PhiFunctions4<V> phi_doubled(const PhiFunctions4<V> &f, V trace, V det) {
     const MatrixFunction<V> q = matrix_product<V>(f.low.e, f.p4, trace, det);
-    constexpr double THIRD = 1.0 / 6.0;
+    constexpr double SIXTH = 1.0 / 6.0;
     PhiFunctions4<V> g;
     g.low = phi_doubled<V>(f.low, trace, det);
-    g.p4 = {0.0625 * (q.a + THIRD * f.low.p1.a + 0.5 * f.low.p2.a + f.low.p3.a + f.p4.a),
-            0.03125 * (q.b + THIRD * f.low.p1.b + 0.5 * f.low.p2.b + f.low.p3.b + f.p4.b)};
+    g.p4 = {0.0625 * (q.a + SIXTH * f.low.p1.a + 0.5 * f.low.p2.a + f.low.p3.a + f.p4.a),
+            0.03125 * (q.b + SIXTH * f.low.p1.b + 0.5 * f.low.p2.b + f.low.p3.b + f.p4.b)};
     return g;
 }
 
@@ -114,6 +117,41 @@ template <class V> VGROOVE_INLINE PhiFunctions<V> phi_functions(V trace, V det, 
         f = phi_doubled<V>(f, t, d);
         t = 2.0 * t;
         d = 4.0 * d;
+    }
+    return f;
+}
+
+// Lane by lane `two` where takes_two is 1, else `one`
+template <class V>
+VGROOVE_INLINE PhiFunctions4<V> phi_chosen(const PhiFunctions4<V> &one, const PhiFunctions4<V> &two,
+                                           const V &takes_two) {
+    PhiFunctions4<V> f;
+    const V *a = &one.low.e.a, *b = &two.low.e.a;
+    V *to = &f.low.e.a;
+    for (unsigned n = 0; n < sizeof f / sizeof(V); ++n)
+        to[n] = takes_two > 0.0 ? b[n] : a[n];
+    return f;
+}
+
+// phi_0 to phi_4 of Z from its trace and determinant. Every lane is halved as often as it needs by
+// itself, so that its result does not depend on the other lanes.
+template <class V> VGROOVE_INLINE PhiFunctions4<V> phi_functions_4(V trace, V det) {
+    int most = 0, needs[LaneTraits<V>::COUNT];
+    V scale{};
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        needs[lane] = phi_halvings(get(trace, lane), get(det, lane));
+        most = needs[lane] > most ? needs[lane] : most;
+        set(scale, lane, std::ldexp(1.0, -needs[lane]));
+    }
+    V t = trace * scale, d = det * scale * scale;
+    PhiFunctions4<V> f = phi_taylor_4<V>(t, d);
+    for (int n = 0; n < most; ++n) {
+        V doubles{};
+        for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
+            set(doubles, lane, n < needs[lane] ? 1.0 : 0.0);
+        f = phi_chosen<V>(f, phi_doubled<V>(f, t, d), doubles);
+        t = (1.0 + doubles) * t;
+        d = (1.0 + 3.0 * doubles) * d;
     }
     return f;
 }

@@ -188,7 +188,7 @@ def test_a_coupler_is_started_where_the_rows_resolve_its_oscillation(row_s: floa
 
 @pytest.mark.parametrize(("share", "shown"), [(0.0099, False), (0.01, False), (0.0101, True)])
 def test_an_output_side_of_a_hundredth_of_the_inertia_is_none(share: float, shown: bool) -> None:
-    """A rig of a rotor alone states such a small output inertia, since the key may not be 0."""
+    """A rig of a motor without output side states a tiny output inertia: 0 is not allowed."""
     motor = slow_tool().motor["inertia_kg_m2"]
     tool = slow_tool().with_values(
         {"gearbox.ratio": 1.0, "gearbox.output_inertia_kg_m2": share * motor}

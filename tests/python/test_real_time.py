@@ -372,7 +372,7 @@ def test_a_silent_line_is_named(tmp_path: Path) -> None:
         assert vgroove("hil", scenario).returncode == 2
         both = vgroove("hil", scenario, "--port", board.port, "--bus", "virtual:x")
         assert both.returncode == 2 and "either --port" in both.stderr
-        # Held open, the number of the pty is not given to a test that runs beside this one.
+        # While it is open, no other test can get a pty with the same number.
         held = os.open(board.port, os.O_RDWR | os.O_NOCTTY)
     gone = vgroove("hil", scenario, "--port", board.port)
     os.close(held)
