@@ -546,7 +546,10 @@ def test_the_best_of_all_fitted_sets_whose_members_are_established_is_named(
         fits=fits,
         retuned=fits[()],
         score=score,
-        ranked=lambda: sorted(fits.values(), key=score),
+        ranked=lambda size=None: sorted(
+            (f for k, f in fits.items() if size in (None, len(k))), key=score
+        ),
+        exceeds_form_error=lambda *_: True,
         without=frozenset(),
     )
 
@@ -637,6 +640,34 @@ def test_a_member_that_closes_half_of_what_the_others_leave_gains_enough(
 
 
 @pytest.mark.parametrize(
+    ("far", "gains", "enough"),
+    [
+        (False, [0.01, 0.01, 0.01], True),  # near the noise the fitted comparison decides alone
+        (True, [0.5, 0.5, 0.5], False),
+        (True, [49.0, 49.0, 49.0], True),  # of 950 that the other set closes
+        (True, [47.0, 47.0, 47.0], False),
+        (True, [0.0, 0.0, 49.0], True),  # in one signal alone
+    ],
+)
+def test_far_from_the_noise_a_set_must_gain_more_than_the_form_error_of_another(
+    far: bool, gains: list[float], enough: bool
+) -> None:
+    """Retuning leaves 1,000 in each signal of the reported gap, of which the fitted comparison
+    clips all but 10; the form error is 0.05 of what the other set closes.
+    """
+    best = np.full(3, 1.0 / 3.0 + 0.1)
+    state = gains_state(best, np.minimum(gains, 9.0))
+    reported = {
+        "retuned": np.full(3, 1000.0 + 1.0 / 3.0),
+        "best": best,
+        "without": best + np.array(gains),
+    }
+    state.reported_loss_by_column = lambda one: reported[one]
+    state.is_far_from_noise = lambda one: far
+    assert state.exceeds_form_error("best", "without") is enough
+
+
+@pytest.mark.parametrize(
     ("left", "gains", "closed"),
     [
         ([0.5, 0.5, 0.5], [0.5, 0.5, 0.5], 0.5),
@@ -682,6 +713,29 @@ def test_an_established_set_replaces_the_empty_one_and_any_that_it_betters(
     assert established.replaces(state, *sets) is replaced
 
 
+@pytest.mark.parametrize(
+    ("gains", "single", "holds", "named"),
+    [
+        (True, "c", True, ("a", "b")),
+        (False, "c", True, ("c",)),
+        (False, "c", False, ("a", "b")),
+        (False, "a", True, ("a", "b")),  # a member: the other one is established beside it
+    ],
+)
+def test_a_single_other_effect_is_named_where_several_gain_little(
+    gains: bool,
+    single: str,
+    holds: bool,
+    named: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Two effects that follow the error of form of one other, each needed beside the other."""
+    both, one = (SimpleNamespace(ids=ids) for ids in (("a", "b"), (single,)))
+    state = SimpleNamespace(ranked=lambda _: [one], exceeds_form_error=lambda *_: gains)
+    monkeypatch.setattr(established, "is_established", lambda *_: holds)
+    assert established.single_sufficient(state, both, {}).ids == named
+
+
 def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
     """A search with the squared gaps (3,) of the signals that a set leaves, and that it leaves
     without a member, by gains more; retuning leaves 10 above the noise in each.
@@ -692,9 +746,15 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
         floor_by_column=np.full(3, 1.0 / 3.0),
         floor_power=1.0,
         retuned="retuned",
+        gap_problem=None,
         sample_shares=np.full(3, 1.0 / 3.0),
     )
-    for method in (Search.is_substantial, Search.gains_share, Search.closed_share):
+    for method in (
+        Search.is_substantial,
+        Search.gains_share,
+        Search.exceeds_form_error,
+        Search.closed_share,
+    ):
         setattr(state, method.__name__, MethodType(method, state))
     return state
 

@@ -327,6 +327,18 @@ def test_missed_edges_raise_the_gap_and_a_sensor_that_drops_edges_lowers_it() ->
     assert load_problem([drive_log(rig())], rig()).missed_share < 0.002
 
 
+def test_a_sensor_that_missed_no_edge_does_not_explain_a_model_that_is_twice_as_fast() -> None:
+    fast = rig(effects={"torque_constant": {"relative": -0.5}})
+    problem = load_problem([drive_log(rig())], fast)
+    theta = np.repeat(problem.theta0[None], 2, axis=0)
+    theta[1, problem.index("effects.hall_dropout.probability")] = 0.5
+    counts = ~problem.censored
+    without, dropping = problem.residuals(theta)[:, counts]
+    speed = (problem.signal == [s.column for s in problem.signals].index("speed_rpm"))[counts]
+    assert np.median(np.abs(without[speed])) > 10.0
+    assert np.array_equal(dropping, without)
+
+
 def test_regimes_cover_the_log(problem: Problem) -> None:
     names = {problem.regimes[k] for k in np.unique(problem.regime)}
     assert {"standstill", "start"} <= names and any(name.startswith("steady") for name in names)

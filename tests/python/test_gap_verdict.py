@@ -1169,6 +1169,8 @@ def test_a_tied_special_case_is_named_in_place_of_its_general_effect(
         # several others in place of the weakest member: it is not named
         ("ab", {"ab": ["ax", "ay"]}, "", "a"),
         ("abc", {"abc": ["abx", "aby"], "ab": ["ax"]}, "", "ab"),
+        # near the noise it does not imitate anything: it stays
+        ("az", {"az": ["ax", "ay"]}, "", "az"),
         # a single other effect, in one rival or in two: it stays
         ("ab", {"ab": ["ax"]}, "", "ab"),
         ("ab", {"ab": ["ax", "xa"]}, "", "ab"),
@@ -1204,6 +1206,7 @@ def test_a_member_that_several_effects_replace_is_not_named_beside_others(
         lambda _, one, __: a_set("".join(i for i in one.ids if i not in doubtful)),
     )
     monkeypatch.setattr(decision, "is_likelier", lambda *_: False)
+    monkeypatch.setattr(decision, "is_limited_by_noise", lambda _, one: "z" in one.ids)
     found, rivals = decision.without_replaceable(SimpleNamespace(search=state), a_set(ids), {})
     assert "".join(found.ids) == named
     assert ["".join(r.ids) for r in rivals] == tied.get(named, [])

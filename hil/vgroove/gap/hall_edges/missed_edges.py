@@ -24,7 +24,8 @@ class MissedEdgeLimits:
     max_mismatch: float = 0.12
     beside: int = 3  # corrected periods on each side in that median
     gap_periods: float = 1.5  # periods without an edge that separate two sequences
-    # periods on each side of a missed edge whose time it may have shifted
+    # periods on each side of a missed edge whose time it may have shifted, or in which another may
+    # have been missed unseen
     shifted_periods: int = 12
 
 
@@ -98,11 +99,16 @@ def widen_beside_missed(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     """The periods with their half width enlarged by half a pitch near missed edges (m,), because
     rows that report the last of several periods locate it by counting edges.
     """
-    near = missed > 0
-    if len(missed):
-        near = scipy.ndimage.maximum_filter1d(missed, 2 * LIMITS.shifted_periods + 1) > 0
     half_pitch_s = 0.5 * (edges.end_s - edges.start_s) / (1.0 + missed)
-    return replace(edges, slack_s=edges.slack_s + np.where(near, half_pitch_s, 0.0))
+    slack_s = np.where(beside_missed(missed), half_pitch_s, 0.0)
+    return replace(edges, slack_s=edges.slack_s + slack_s)
+
+
+def beside_missed(missed: np.ndarray) -> np.ndarray:
+    """Whether a period (m,) or one near it lacks an edge; missed (m,): missed edges of each."""
+    if len(missed) == 0:
+        return missed > 0
+    return scipy.ndimage.maximum_filter1d(missed, 2 * LIMITS.shifted_periods + 1) > 0
 
 
 def as_single_pitches(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES
+from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES, beside_missed
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.gap.residual.shared_errors import SharedErrors
@@ -198,10 +198,17 @@ class SpanChannel(Channel):
 
     def pitches(self, mean: np.ndarray) -> np.ndarray:
         """Number of pitches (B, m) that a sensor which misses edges reports as one: mean speed of
-        the model (B, m) over the measured speed, rounded.
+        the model (B, m) over the measured speed, rounded. 1 where the measured speed beside shows
+        that no edge was missed: else the sensor would explain a model that is several times too
+        fast.
         """
         ratio = np.abs(mean) / np.maximum(np.abs(self.measured), MIN_SPEED)
-        return np.clip(np.round(ratio), 1.0, MAX_PITCHES)
+        return np.where(self.beside_missed, np.clip(np.round(ratio), 1.0, MAX_PITCHES), 1.0)
+
+    @cached_property
+    def beside_missed(self) -> np.ndarray:
+        """Whether the sensor missed an edge in a sample (m,) or near it."""
+        return beside_missed(self.missed)
 
     def model(self, simulation: Simulation) -> np.ndarray:
         mean = self.mean_speed(simulation)

@@ -21,6 +21,7 @@ from vgroove.gap.fitting.whitening import whitening_of
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS, noise_ratio
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restart_angles import RestartAngles
+from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import (
     BOOTSTRAP,
     MIN_POWER,
@@ -261,16 +262,22 @@ class Search:
         counts = self.blocks.tested & ~self.problem.censored
         return self.by_column(counts) / max(self.blocks.total, 1.0)
 
-    def is_substantial(self, part: np.ndarray) -> bool:
-        """Whether a part (columns,) of the squared gap is the share of what retuning leaves above
-        the sensors' noise that an established member gains (docs/spec/gap.md, section 5): over all
-        columns, or in one in which it is a visible gap by itself.
+    def is_substantial(
+        self,
+        part: np.ndarray,
+        whole: np.ndarray | None = None,
+        share: float = COMPARISON.min_established_share,
+    ) -> bool:
+        """Whether a part (columns,) of the squared gap is a share of what retuning leaves above the
+        sensors' noise, `whole` (columns,), over all columns, or in one in which it is a visible gap
+        by itself. share: by default the one that an established member gains (docs/spec/gap.md,
+        section 5); whole: that of the fitted comparison.
         """
-        above = np.maximum(self.loss_by_column(self.retuned) - self.floor_by_column, 0.0)
+        if whole is None:
+            whole = np.maximum(self.loss_by_column(self.retuned) - self.floor_by_column, 0.0)
         visible = part > COMPARISON.visible_excess * self.sample_shares
-        share = COMPARISON.min_established_share
         return bool(
-            np.sum(part) >= share * np.sum(above) or np.any((part >= share * above) & visible)
+            np.sum(part) >= share * np.sum(whole) or np.any((part >= share * whole) & visible)
         )
 
     def gains_share(self, fuller: Fit, leaner: Fit) -> bool:
@@ -282,6 +289,30 @@ class Search:
         left = max(float(np.sum(more)) - self.floor_power, 0.0)
         larger_part = np.sum(more - with_it) >= COMPARISON.min_gain_of_left * left
         return bool(larger_part) or self.is_substantial(more - with_it)
+
+    def exceeds_form_error(self, fuller: Fit, leaner: Fit) -> bool:
+        """Whether a fit gains over another one more than the form error of the other one's effects,
+        in the reported gap; True of any near the noise, where the fitted comparison shows the whole
+        gap, and where another comparison than the forward simulation is judged.
+
+        Far from the noise the clip of the fitted comparison hides how large the whole gap is, and
+        the larger part of what an effect leaves is the error of its form.
+        """
+        if self.gap_problem is not None or not self.is_far_from_noise(leaner):
+            return True
+        with_it, more, alone = (
+            self.reported_loss_by_column(f) for f in (fuller, leaner, self.retuned)
+        )
+        closed = np.maximum(alone - more, 0.0)
+        return self.is_substantial(more - with_it, closed, STEPWISE.max_form_share)
+
+    def reported_loss_by_column(self, one: Fit) -> np.ndarray:
+        """Part of each column of the log in the square of reported_gap() (columns,), where this is
+        that of the fitted problem.
+        """
+        square = self.problem.squared(self.gap_residual(one))
+        counts = self.problem.judged & np.isfinite(square)
+        return self.by_column(np.where(counts, square, 0.0)) / max(np.count_nonzero(counts), 1)
 
     def closed_share(self, fuller: Fit, leaner: Fit) -> ClosedShare:
         """Share that a fit closes of what another one leaves above the sensors' noise."""

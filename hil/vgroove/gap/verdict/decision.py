@@ -163,14 +163,17 @@ def is_likelier(search: Search, rival: Fit, part: Fit, covariates: Covariates) -
 def without_replaceable(
     selection: Selection, part: Fit, covariates: Covariates
 ) -> tuple[Fit, list[Fit]]:
-    """The set that is named, and its rivals. If more than DECISION.most_rivals other effects could
-    replace a member of an established set, the logs do not show which of them is present: the
-    member is removed, that of the smallest gain first, and its part of the gap is reported as
-    unexplained. A member stays if nothing would be established without it.
+    """The set that is named, and its rivals. If the set ends far from the noise and more than
+    DECISION.most_rivals other effects could replace a member of it, the logs do not show which of
+    them is present, or whether the member only imitates what is outside the catalogue: the member
+    is removed, that of the smallest gain first, and its part of the gap is reported as unexplained.
+    A member stays if nothing would be established without it.
     """
     search, leaner = selection.search, part
     while leaner is not None:
         part, rivals = leanest_established(selection, leaner, covariates)
+        if is_limited_by_noise(search, part):
+            break
         many = [i for i in part.ids if len(replacements(i, part, rivals)) > DECISION.most_rivals]
         tried = sorted((fit_without(search, part, i) for i in many), key=search.score)
         rest = (without_doubtful(search, f, covariates) for f in tried if f.ids)

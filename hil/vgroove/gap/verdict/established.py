@@ -145,7 +145,23 @@ def established_set(search: Search, best: Fit, covariates: Covariates) -> Fit:
         if can_grow(search, found):
             grow(search, found)
         before, found = found, best_established(search, found, covariates, examined)
-    return with_special_cases(search, found, covariates)
+    return with_special_cases(search, single_sufficient(search, found, covariates), covariates)
+
+
+def single_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit:
+    """The single effect that is established and best of these, if it is no member of `found` and
+    the several effects of `found` gain no more over it than the error of its form; else `found`.
+
+    Several effects together may follow the error of form that one other leaves. Each of them is
+    needed beside the others, so that the rules for single members do not show it.
+    """
+    singles = search.ranked(1) if len(found.ids) > 1 else []
+    for one in singles:
+        if set(one.ids) <= set(found.ids):
+            break
+        if is_established(search, one, covariates):
+            return found if search.exceeds_form_error(found, one) else one
+    return found
 
 
 def can_grow(search: Search, one: Fit) -> bool:
