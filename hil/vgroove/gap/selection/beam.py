@@ -70,7 +70,8 @@ def best_of_beam(search: Search) -> Fit:
             for one in extensions(search, base, BEAM.extensions)
             if key(one.ids) not in search.fits
         ]
-        search.fit_and_keep(distinct_hypotheses(candidates))
+        search.keep(search.converged_near_best(distinct_hypotheses(candidates)))
+    search.predict_near_best()
     return search.ranked()[0]
 
 
