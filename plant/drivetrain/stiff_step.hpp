@@ -2,9 +2,9 @@
 // brushes and dead time around 0 A, tiny inductances and time constants.
 //
 // Method: the Rosenbrock method ROS34PW2 (numeric/rosenbrock.hpp). Of the Jacobian it uses the
-// block of current and speed (2 x 2) and the diagonal elements of the filters, so that each stage
-// solves two equations for two unknowns. Without the off-diagonal elements of the block the steps
-// would have to be several times shorter once the current has settled to that of the speed.
+// block of current and speed (2 x 2) and the rows of the filters that follow them, so that each
+// stage solves two equations for two unknowns. Without the off-diagonal elements the steps would
+// have to be several times shorter once the current has settled to that of the speed.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 
@@ -105,16 +105,22 @@ VGROOVE_INLINE void stiff_motor_slopes(const Rates<V> &r, const MotorCoupling<V>
     k.x[STATE_SPEED] = inverse * (own_i * right_w + g * c.torque * right_i);
 }
 
+// A stage's slope of a filter that follows the state `source`, whose slope is known
+template <class V, int N>
+VGROOVE_INLINE void stiff_filter_slope(V rate, V h, int source, int filter, const State<V, N> &sum,
+                                       State<V, N> &k) {
+    const V right = k.x[filter] + Ros34pw2::GAMMA * (h * rate) * k.x[source];
+    k.x[filter] = rosenbrock_slope<V>(right, h, rate, sum.x[filter] - sum.x[source]);
+}
+
 template <class V, int N>
 VGROOVE_INLINE State<V, N> stiff_slope(const Rates<V> &r, const MotorCoupling<V> &c, V h,
                                        const State<V, N> &f, const State<V, N> &sum) {
     State<V, N> k = f;
     stiff_motor_slopes<V, N>(r, c, h, f, sum, k);
     if constexpr (N > STATE_CORE_COUNT) {
-        k.x[STATE_CURRENT_FILTER] = rosenbrock_slope<V>(
-            f.x[STATE_CURRENT_FILTER], h, r.current_filter, sum.x[STATE_CURRENT_FILTER]);
-        k.x[STATE_SPEED_FILTER] = rosenbrock_slope<V>(f.x[STATE_SPEED_FILTER], h, r.speed_filter,
-                                                      sum.x[STATE_SPEED_FILTER]);
+        stiff_filter_slope<V, N>(r.current_filter, h, STATE_CURRENT, STATE_CURRENT_FILTER, sum, k);
+        stiff_filter_slope<V, N>(r.speed_filter, h, STATE_SPEED, STATE_SPEED_FILTER, sum, k);
     }
     return k;
 }
