@@ -1,5 +1,7 @@
 # Entry points: setup, demo, test, bench, proof, flash. Builds go to build/, Python to .venv.
 SHELL := /bin/bash
+# Hundreds of processes start in the tests; without compiled modules each takes two seconds longer.
+unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 PY := $(VENV)/bin/python
 JOBS ?= $(shell nproc)
