@@ -70,8 +70,7 @@ def best_of_beam(search: Search) -> Fit:
             for one in extensions(search, base, BEAM.extensions)
             if key(one.ids) not in search.fits
         ]
-        search.keep(search.converged_near_best(distinct_hypotheses(candidates)))
-    search.predict_near_best()
+        search.fit_and_keep(distinct_hypotheses(candidates))
     return search.ranked()[0]
 
 

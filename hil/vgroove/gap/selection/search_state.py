@@ -550,38 +550,21 @@ class Search:
         """Fit hypotheses, bring those near the best to convergence, predict their held-out rows,
         and return the best fit known of each set.
         """
-        fits = self.converged_near_best(hypotheses, iterations)
-        predict_held_out(self.engine, self.near_best(fits))
-        self.keep(fits)
-        return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
-
-    def converged_near_best(
-        self, hypotheses: Sequence[Hypothesis], iterations: int = 6
-    ) -> list[Fit]:
-        """Fits of hypotheses, of which those near the best have converged; their held-out rows are
-        predicted to first order.
-        """
         fits = self.engine.fit(hypotheses, iterations)
-        self.engine.continue_fits(self.near_best(fits), range(iterations, COMPARISON.max_rounds))
-        return fits
-
-    def keep(self, fits: Sequence[Fit]) -> None:
-        """Add fits to the known ones; of equal sets the one of the smallest cost is kept."""
+        if fits:
+            self.engine.continue_fits(
+                self.near_best(fits), range(iterations, COMPARISON.max_rounds)
+            )
+            predict_held_out(self.engine, self.near_best(fits))
         for one in fits:
             known = self.fits.get(key(one.ids))
             if known is None or one.cost < known.cost:
                 self.fits[key(one.ids)] = one
-
-    def predict_near_best(self) -> None:
-        """Predict the held-out rows of the known fits near the best, until none of them is
-        predicted to first order only.
-        """
-        while near := [f for f in self.near_best(self.ranked()) if not f.exact]:
-            predict_held_out(self.engine, near)
+        return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
 
     def near_best(self, fits: Sequence[Fit]) -> list[Fit]:
         """Those of some fits whose squared gap is at most near_best times the smallest of them."""
-        limit = COMPARISON.near_best * min((self.score(f) for f in fits), default=0.0)
+        limit = COMPARISON.near_best * min(self.score(f) for f in fits)
         return [f for f in fits if self.score(f) <= limit]
 
     def ranked(self, size: int | None = None) -> list[Fit]:
