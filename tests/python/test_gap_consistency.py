@@ -546,10 +546,7 @@ def test_the_best_of_all_fitted_sets_whose_members_are_established_is_named(
         fits=fits,
         retuned=fits[()],
         score=score,
-        ranked=lambda size=None: sorted(
-            (f for k, f in fits.items() if size in (None, len(k))), key=score
-        ),
-        exceeds_form_error=lambda *_: True,
+        ranked=lambda: sorted(fits.values(), key=score),
         without=frozenset(),
     )
 
@@ -560,6 +557,7 @@ def test_the_best_of_all_fitted_sets_whose_members_are_established_is_named(
     monkeypatch.setattr(established, "may_be_established", lambda *_: True)
     monkeypatch.setattr(established, "can_grow", lambda *_: False)
     monkeypatch.setattr(established, "replaces", lambda *_: True)
+    monkeypatch.setattr(established, "single_sufficient", lambda _, one, __: one)
     monkeypatch.setattr(
         established,
         "fit_without",
@@ -640,31 +638,33 @@ def test_a_member_that_closes_half_of_what_the_others_leave_gains_enough(
 
 
 @pytest.mark.parametrize(
-    ("far", "gains", "enough"),
+    ("near", "gains", "enough"),
     [
-        (False, [0.01, 0.01, 0.01], True),  # near the noise the fitted comparison decides alone
-        (True, [0.5, 0.5, 0.5], False),
-        (True, [49.0, 49.0, 49.0], True),  # of 950 that the other set closes
-        (True, [47.0, 47.0, 47.0], False),
-        (True, [0.0, 0.0, 49.0], True),  # in one signal alone
+        ("", [0.5, 0.5, 0.5], False),
+        ("", [49.0, 49.0, 49.0], True),  # of 950 that the other set closes
+        ("", [47.0, 47.0, 47.0], False),
+        ("", [0.0, 0.0, 49.0], True),  # in one signal alone
+        # near the noise the fitted comparison decides alone
+        ("best", [0.5, 0.5, 0.5], True),
+        ("without", [0.5, 0.5, 0.5], True),
     ],
 )
 def test_far_from_the_noise_a_set_must_gain_more_than_the_form_error_of_another(
-    far: bool, gains: list[float], enough: bool
+    near: str, gains: list[float], enough: bool
 ) -> None:
     """Retuning leaves 1,000 in each signal of the reported gap, of which the fitted comparison
     clips all but 10; the form error is 0.05 of what the other set closes.
     """
     best = np.full(3, 1.0 / 3.0 + 0.1)
-    state = gains_state(best, np.minimum(gains, 9.0))
+    state = gains_state(best, np.full(3, 0.1))
     reported = {
         "retuned": np.full(3, 1000.0 + 1.0 / 3.0),
         "best": best,
         "without": best + np.array(gains),
     }
     state.reported_loss_by_column = lambda one: reported[one]
-    state.is_far_from_noise = lambda one: far
-    assert state.exceeds_form_error("best", "without") is enough
+    state.is_far_from_noise = lambda one: one != near
+    assert state.gains_over_form_error("best", "without") is enough
 
 
 @pytest.mark.parametrize(
@@ -713,27 +713,62 @@ def test_an_established_set_replaces_the_empty_one_and_any_that_it_betters(
     assert established.replaces(state, *sets) is replaced
 
 
+PAIR = ("coulomb_friction", "added_inertia")
+
+
 @pytest.mark.parametrize(
-    ("gains", "single", "holds", "named"),
+    ("singles", "gains", "holds", "tied", "named"),
     [
-        (True, "c", True, ("a", "b")),
-        (False, "c", True, ("c",)),
-        (False, "c", False, ("a", "b")),
-        (False, "a", True, ("a", "b")),  # a member: the other one is established beside it
+        (["speed_gain"], True, True, "", PAIR),
+        (["speed_gain"], False, True, "", ("speed_gain",)),
+        (["speed_gain"], False, False, "", PAIR),
+        # a member, or a general form of one: the other effect is established beside it
+        (["coulomb_friction"], False, True, "", PAIR),
+        (["stribeck_friction"], False, True, "", PAIR),
+        (["speed_gain", "added_inertia"], False, True, "", ("speed_gain",)),
+        (["speed_gain", "added_inertia"], False, True, "added_inertia", PAIR),
     ],
 )
 def test_a_single_other_effect_is_named_where_several_gain_little(
+    singles: list[str],
     gains: bool,
-    single: str,
     holds: bool,
+    tied: str,
     named: tuple[str, ...],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Two effects that follow the error of form of one other, each needed beside the other."""
-    both, one = (SimpleNamespace(ids=ids) for ids in (("a", "b"), (single,)))
-    state = SimpleNamespace(ranked=lambda _: [one], exceeds_form_error=lambda *_: gains)
+    both, *ranked = (SimpleNamespace(ids=ids) for ids in (PAIR, *((i,) for i in singles)))
+    state = SimpleNamespace(
+        ranked=lambda _: ranked,
+        gains_over_form_error=lambda *_: gains,
+        is_tied=lambda one, _: one.ids == (tied,),
+    )
     monkeypatch.setattr(established, "is_established", lambda *_: holds)
+    monkeypatch.setattr(established, "fit_set", lambda _, __, known: known)
     assert established.single_sufficient(state, both, {}).ids == named
+
+
+def test_a_general_form_of_a_single_effect_does_not_keep_the_set_that_has_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A Stribeck friction beside others follows what a Coulomb friction explains alone."""
+    several, *ranked = (
+        SimpleNamespace(ids=ids)
+        for ids in (
+            ("stribeck_friction", "speed_gain"),
+            ("stribeck_friction",),
+            ("coulomb_friction",),
+        )
+    )
+    state = SimpleNamespace(
+        ranked=lambda _: ranked,
+        gains_over_form_error=lambda *_: False,
+        is_tied=lambda *_: True,
+    )
+    monkeypatch.setattr(established, "is_established", lambda *_: True)
+    monkeypatch.setattr(established, "fit_set", lambda _, __, known: known)
+    assert established.single_sufficient(state, several, {}).ids == ("coulomb_friction",)
 
 
 def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
@@ -752,7 +787,7 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
     for method in (
         Search.is_substantial,
         Search.gains_share,
-        Search.exceeds_form_error,
+        Search.gains_over_form_error,
         Search.closed_share,
     ):
         setattr(state, method.__name__, MethodType(method, state))

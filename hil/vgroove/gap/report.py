@@ -58,9 +58,10 @@ def summary_lines(verdict: Verdict) -> list[str]:
 
 
 def parameter_texts(effect: EffectFinding) -> list[str]:
-    """Each parameter of an effect with its 95 % interval and unit."""
+    """Each parameter of an effect with its 95 % interval, and its unit if it has one."""
     texts = []
     for name, p in effect.parameters.items():
         interval = f" [{p.ci95[0]:.4g}, {p.ci95[1]:.4g}]" if p.ci95 else ""
-        texts.append(f"{name} {p.value:.4g}{interval} {p.unit}")
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        texts.append(f"{name} {p.value:.4g}{interval}{unit}")
     return texts

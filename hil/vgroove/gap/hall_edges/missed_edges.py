@@ -26,7 +26,7 @@ class MissedEdgeLimits:
     gap_periods: float = 1.5  # periods without an edge that separate two sequences
     # periods on each side of a missed edge whose time it may have shifted, or in which another may
     # have been missed unseen
-    shifted_periods: int = 12
+    near_periods: int = 12
 
 
 LIMITS = MissedEdgeLimits()
@@ -100,15 +100,15 @@ def widen_beside_missed(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     rows that report the last of several periods locate it by counting edges.
     """
     half_pitch_s = 0.5 * (edges.end_s - edges.start_s) / (1.0 + missed)
-    slack_s = np.where(beside_missed(missed), half_pitch_s, 0.0)
+    slack_s = np.where(near_missed(missed), half_pitch_s, 0.0)
     return replace(edges, slack_s=edges.slack_s + slack_s)
 
 
-def beside_missed(missed: np.ndarray) -> np.ndarray:
+def near_missed(missed: np.ndarray) -> np.ndarray:
     """Whether a period (m,) or one near it lacks an edge; missed (m,): missed edges of each."""
     if len(missed) == 0:
         return missed > 0
-    return scipy.ndimage.maximum_filter1d(missed, 2 * LIMITS.shifted_periods + 1) > 0
+    return scipy.ndimage.maximum_filter1d(missed, 2 * LIMITS.near_periods + 1) > 0
 
 
 def as_single_pitches(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES, beside_missed
+from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES, near_missed
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.gap.residual.shared_errors import SharedErrors
@@ -203,12 +203,14 @@ class SpanChannel(Channel):
         fast.
         """
         ratio = np.abs(mean) / np.maximum(np.abs(self.measured), MIN_SPEED)
-        return np.where(self.beside_missed, np.clip(np.round(ratio), 1.0, MAX_PITCHES), 1.0)
+        return np.where(self.may_miss, np.clip(np.round(ratio), 1.0, MAX_PITCHES), 1.0)
 
     @cached_property
-    def beside_missed(self) -> np.ndarray:
-        """Whether the sensor missed an edge in a sample (m,) or near it."""
-        return beside_missed(self.missed)
+    def may_miss(self) -> np.ndarray:
+        """Whether the sensor may have missed an edge in a sample (m,): in that one or one near it
+        the measured speed shows that one is missing.
+        """
+        return near_missed(self.missed)
 
     def model(self, simulation: Simulation) -> np.ndarray:
         mean = self.mean_speed(simulation)
@@ -227,11 +229,12 @@ class SpanChannel(Channel):
     def bounded(self, mean: np.ndarray, drops: np.ndarray) -> np.ndarray:
         """Predictions of the censored samples from a model's mean speed (B, k): the measured bound,
         plus the excess of the model over it; the bound alone for a sensor that misses edges (drops
-        (B, 1)), since a missed edge explains the excess.
+        (B, 1)), if any sample shows a missed one: that explains the excess.
         """
         measured = self.measured[self.bounds]
         excess = np.abs(mean) - np.abs(measured)
-        return np.where(drops | (excess <= 0.0), measured, measured + excess)
+        explained = drops & bool(drops.any() and self.missed.any())
+        return np.where(explained | (excess <= 0.0), measured, measured + excess)
 
 
 @dataclass(frozen=True)

@@ -268,10 +268,10 @@ class Search:
         whole: np.ndarray | None = None,
         share: float = COMPARISON.min_established_share,
     ) -> bool:
-        """Whether a part (columns,) of the squared gap is a share of what retuning leaves above the
-        sensors' noise, `whole` (columns,), over all columns, or in one in which it is a visible gap
-        by itself. share: by default the one that an established member gains (docs/spec/gap.md,
-        section 5); whole: that of the fitted comparison.
+        """Whether a part (columns,) of a squared gap is at least a share of `whole` (columns,),
+        over all columns, or in one in which it is a visible gap by itself. By default whole is what
+        retuning leaves above the sensors' noise in the fitted comparison, and share the one that an
+        established member gains (docs/spec/gap.md, section 5).
         """
         if whole is None:
             whole = np.maximum(self.loss_by_column(self.retuned) - self.floor_by_column, 0.0)
@@ -290,15 +290,15 @@ class Search:
         larger_part = np.sum(more - with_it) >= COMPARISON.min_gain_of_left * left
         return bool(larger_part) or self.is_substantial(more - with_it)
 
-    def exceeds_form_error(self, fuller: Fit, leaner: Fit) -> bool:
-        """Whether a fit gains over another one more than the form error of the other one's effects,
-        in the reported gap; True of any near the noise, where the fitted comparison shows the whole
-        gap, and where another comparison than the forward simulation is judged.
+    def gains_over_form_error(self, fuller: Fit, leaner: Fit) -> bool:
+        """Whether a fit gains over another one more than the error of form of the other one's
+        effects, in the reported gap. True where one of both ends near the noise, and where another
+        comparison than the forward simulation is judged: it shows the whole gap then.
 
         Far from the noise the clip of the fitted comparison hides how large the whole gap is, and
         the larger part of what an effect leaves is the error of its form.
         """
-        if self.gap_problem is not None or not self.is_far_from_noise(leaner):
+        if self.gap_problem is not None or not all(map(self.is_far_from_noise, (fuller, leaner))):
             return True
         with_it, more, alone = (
             self.reported_loss_by_column(f) for f in (fuller, leaner, self.retuned)
@@ -307,8 +307,8 @@ class Search:
         return self.is_substantial(more - with_it, closed, STEPWISE.max_form_share)
 
     def reported_loss_by_column(self, one: Fit) -> np.ndarray:
-        """Part of each column of the log in the square of reported_gap() (columns,), where this is
-        that of the fitted problem.
+        """Part of each column of the log in the square of reported_gap() (columns,); for searches
+        without a gap_problem.
         """
         square = self.problem.squared(self.gap_residual(one))
         counts = self.problem.judged & np.isfinite(square)

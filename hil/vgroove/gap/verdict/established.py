@@ -6,7 +6,7 @@ its subsystem.
 from dataclasses import dataclass
 from functools import cached_property
 
-from vgroove.gap.catalogue import SPECIAL_CASES
+from vgroove.gap.catalogue import SPECIAL_CASES, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set, fit_without, ids_without
 from vgroove.gap.selection.forward import grow, leaves_established_share
@@ -149,18 +149,22 @@ def established_set(search: Search, best: Fit, covariates: Covariates) -> Fit:
 
 
 def single_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit:
-    """The single effect that is established and best of these, if it is no member of `found` and
-    the several effects of `found` gain no more over it than the error of its form; else `found`.
+    """The best single effect that is established, if the several effects of `found` gain no more
+    over it than the error of its form; else `found`, as also where one of its members, or a general
+    form of one, predicts as well alone.
 
     Several effects together may follow the error of form that one other leaves. Each of them is
     needed beside the others, so that the rules for single members do not show it.
     """
     singles = search.ranked(1) if len(found.ids) > 1 else []
-    for one in singles:
-        if set(one.ids) <= set(found.ids):
+    members = [f for f in singles if any(contains(f.ids, (i,)) for i in found.ids)]
+    for known in (f for f in singles if f not in members):
+        one = fit_set(search, known.ids, known)
+        if search.gains_over_form_error(found, one):
             break
         if is_established(search, one, covariates):
-            return found if search.exceeds_form_error(found, one) else one
+            others = (f for f in members if not contains(f.ids, one.ids))
+            return found if any(search.is_tied(f, one) for f in others) else one
     return found
 
 
