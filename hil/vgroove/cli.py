@@ -57,8 +57,8 @@ Joints = Annotated[
     typer.Option(
         "--joint",
         metavar="FILE",
-        help="Impact tool: the joint of a log, a TOML file with [load]; as many as logs, in their "
-        "order.",
+        help="Impact tool: the joint of a log, a TOML file with the table 'load' alone; given once "
+        "for each log, in their order.",
     ),
 ]
 AsIs = Annotated[
