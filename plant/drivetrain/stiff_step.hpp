@@ -2,9 +2,9 @@
 // brushes and dead time around 0 A, tiny inductances and time constants.
 //
 // Method: the Rosenbrock method ROS34PW2 (numeric/rosenbrock.hpp). Of the Jacobian it uses the
-// block of current and speed (2 x 2) and the rows of the filters that follow them, so that each
-// stage solves two equations for two unknowns. Without the off-diagonal elements the steps would
-// have to be several times shorter once the current has settled to that of the speed.
+// block of current and speed (2 x 2), so that each stage solves two equations for two unknowns, and
+// the rows of the filters, which follow one of the two. Without the off-diagonal elements the steps
+// would have to be several times shorter once the current follows the speed, or a filter its input.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 

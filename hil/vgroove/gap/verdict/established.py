@@ -157,8 +157,8 @@ def single_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit
     needed beside the others, so that the rules for single members do not show it.
     """
     singles = search.ranked(1) if len(found.ids) > 1 else []
-    members = [f for f in singles if any(contains(f.ids, (i,)) for i in found.ids)]
-    for known in (f for f in singles if f not in members):
+    members = [f for f in singles if contains_a_member(f, found)]
+    for known in (f for f in singles if not contains_a_member(f, found)):
         one = fit_set(search, known.ids, known)
         if search.gains_over_form_error(found, one):
             break
@@ -166,6 +166,11 @@ def single_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit
             others = (f for f in members if not contains(f.ids, one.ids))
             return found if any(search.is_tied(f, one) for f in others) else one
     return found
+
+
+def contains_a_member(one: Fit, found: Fit) -> bool:
+    """Whether a set holds a member of another one, or a general form of it."""
+    return any(contains(one.ids, (i,)) for i in found.ids)
 
 
 def can_grow(search: Search, one: Fit) -> bool:
