@@ -105,7 +105,8 @@ VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std::uint32_t effects, 
     return torque;
 }
 
-// Angular frequency with which that torque changes at speed w, rad/s
+// Angular frequency, rad/s, of the torque of cogging and gear eccentricity (the faster one) while
+// the shaft turns at speed w
 template <class V>
 VGROOVE_INLINE V friction_angle_frequency(const Friction<V> &p, std::uint32_t effects, V w) {
     V periods{};

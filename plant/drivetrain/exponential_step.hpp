@@ -4,12 +4,15 @@
 // a jump of the command the current changes between the points of a long step, where nothing is
 // computed.
 //
-// With x = (i, w), Z = h A, A the Jacobian, and the remainder n = x' - A x as a polynomial
-// c0 + c1 s + c2 s^2 of s = t / h, x(h) = e^Z x + h (phi1(Z) c0 + phi2(Z) c1 + 2 phi3(Z) c2), and
-// its integral has phi1 to phi4. The polynomial passes through the remainders at the start, the
-// middle and the end of the step, which are found in two passes (Hochbruck and Ostermann,
-// Exponential integrators, Acta Numerica 19, 2010: collocation). The remainder at a quarter of the
-// step, which the polynomial does not pass through, gives the error.
+// Equation of motion: x' = A x + n, with x = (i, w), A the Jacobian at the start of the step, and n
+// the nonlinear rest (the remainder). Over a step of length h, n is approximated by the quadratic
+// polynomial c0 + c1 s + c2 s^2 of s = t / h; then, with Z = h A, the solution is exact:
+// x(h) = e^Z x(0) + h (phi1(Z) c0 + phi2(Z) c1 + 2 phi3(Z) c2). The integrals of x (angle, charge)
+// follow in the same way from phi1 to phi4. The polynomial is interpolated from n at the start, the
+// middle and the end. At the latter two n depends on the solution: it is computed from a first
+// guess and corrected twice (collocation: Hochbruck and Ostermann, Exponential integrators, Acta
+// Numerica 19, 2010). The difference of n and polynomial at a quarter of the step estimates the
+// error.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_EXPONENTIAL_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_EXPONENTIAL_STEP_HPP
 
@@ -28,7 +31,8 @@ constexpr double EXPONENTIAL_SAFETY = 2.0;
 // A number for the current (i) and one for the speed (w)
 template <class V> struct MotorPair { V i, w; };
 
-// A 2 x 2 matrix: iw is the influence of the speed on the current
+// A 2 x 2 matrix that multiplies (i, w): iw stands in the row of the current and the column of the
+// speed.
 template <class V> struct MotorMatrix { V ii, iw, wi, ww; };
 
 // What leads from the start of a step to a part of it: phi_0 to phi_4 of share Z, share: the length
@@ -39,7 +43,7 @@ template <class V> struct Propagator {
     PhiFunctions4<V> phi;
 };
 
-// Remainder c0 + c1 s + c2 s^2
+// Coefficients of the polynomial c0 + c1 s + c2 s^2 that approximates the remainder
 template <class V> struct Remainder { MotorPair<V> c0, c1, c2; };
 
 template <class V>
@@ -78,8 +82,9 @@ template <class V> VGROOVE_INLINE Propagators<V> propagators(const MotorMatrix<V
     return p;
 }
 
-// State after a part of a step of length h that begins at y: current, speed, angle and the integral
-// of the current follow the propagator p, the other states stay. n: remainder along the whole step
+// State after a part p of a step of length h that begins in state y. Current, speed, angle and the
+// integral of the current are computed, the other states are those of y. n: polynomial of the
+// remainder over the whole step
 template <class V, int N>
 VGROOVE_INLINE State<V, N> motor_moved(const Propagator<V> &p, V h, const State<V, N> &y,
                                        const Remainder<V> &n) {
@@ -111,7 +116,7 @@ VGROOVE_INLINE MotorPair<V> remainder_of(const MotorMatrix<V> &jacobian, const S
     return {slope.x[STATE_CURRENT] - ax.i, slope.x[STATE_SPEED] - ax.w};
 }
 
-// The polynomial through the remainders at 0, 1/2 and 1
+// Quadratic interpolation of the remainder from its values at the start, middle and end of a step
 template <class V>
 VGROOVE_INLINE Remainder<V> remainder_through(const MotorPair<V> &start, const MotorPair<V> &middle,
                                               const MotorPair<V> &end) {
@@ -141,9 +146,9 @@ VGROOVE_INLINE V motor_dips(V slide, V h, const State<V, N> (&at)[4],
 }
 
 // Whether friction may fail to hold a shaft at rest somewhere within a step although it holds it at
-// the end. The current follows the command with a lag, so that its extremes are among: its value at
-// the start, the steady-state current of the command at the start, and its values at the other
-// points. slope_a: derivative of the current at the start, A/s
+// the end: the largest current in between may break it away. Checked are the currents at the points
+// of the step, and the one that the current would settle to under the command at the start.
+// slope_a: derivative of the current at the start, A/s
 template <class V, int N>
 VGROOVE_INLINE V motor_breaks_away(const Driven<V> &d, const MotorMatrix<V> &jacobian, V h,
                                    const State<V, N> (&at)[4], const V &slope_a) {
@@ -185,8 +190,8 @@ VGROOVE_INLINE V bus_time(V per_ampere, V h, const State<V, N> (&at)[4],
            h * (1.0 / 6.0) * (rest(0) + 4.0 * rest(2) + rest(3));
 }
 
-// Estimate of what further passes would change in a value, from its three results so far: the
-// changes from pass to pass form a geometric series
+// How much a further correction would change a value, if the changes shrink by a constant factor.
+// found: the first guess and the results of the two corrections
 template <class V, int N>
 VGROOVE_INLINE V error_of_passes(const State<V, N> (&found)[3], int index) {
     const V first = abs_of<V>(found[1].x[index] - found[0].x[index]),
@@ -213,7 +218,7 @@ VGROOVE_INLINE ExponentialStep<V, N> exponential_step(const Driven<V> &d, const 
     };
     const MotorPair<V> n0 = remainder_of<V, N>(a, y, slope);
     Remainder<V> n{n0, {}, {}};
-    // at the start, a quarter, a half and the end of the step
+    // states at the start, after a quarter, after a half and at the end of the step
     State<V, N> at[4] = {y, y, y, motor_moved<V, N>(p.whole, h, y, n)};
     State<V, N> found[3] = {at[3], at[3], at[3]};
     State<V, N> slopes[4] = {slope, slope, slope, derivative(p.whole, at[3])};

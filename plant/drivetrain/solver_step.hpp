@@ -78,8 +78,8 @@ VGROOVE_INLINE Trial<V, N> solver_try_exponential(const Solver<V, N> &self, cons
 
 enum class StepMethod { EXPLICIT, ROSENBROCK, EXPONENTIAL };
 
-// Method of a lane's step of length h. rate: the fastest one of the lane, oscillates: angular
-// frequency of the torques that depend on its angle, 1/s (limits: stiff_step.hpp)
+// Method for a step of length h of one lane; the limits are in stiff_step.hpp. rate: its fastest
+// rate of decay, 1/s. oscillates: angular frequency of cogging and gear eccentricity, 1/s
 template <class V, int N>
 VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, double oscillates,
                                         double h, int lane) {
@@ -92,7 +92,7 @@ VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, d
                                                                        : StepMethod::EXPLICIT;
 }
 
-// Copies the trial `one` into the lanes of `all` whose method is `its`.
+// Replaces the trial in `all` by that in `one`, in the lanes whose method is `its`.
 template <class V, int N>
 VGROOVE_INLINE void solver_take(Trial<V, N> &all, const Trial<V, N> &one, const StepMethod *method,
                                 StepMethod its) {

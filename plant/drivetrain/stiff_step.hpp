@@ -13,11 +13,14 @@
 
 namespace vgroove {
 
-// A step is stiff where the rate times the step exceeds STIFF_STEP and the rate times the whole
-// stretch STIFF_STRETCH. In place of the latter, exponential steps (exponential_step.hpp) are taken
-// where the rate exceeds EXPONENTIAL_RATIO times the angular frequency of cogging and eccentricity,
-// which they do not solve faster than an explicit method, and the rate times the step is below
-// EXPONENTIAL_DECAY, above which they lose digits by rounding.
+// Limits between the methods, for the fastest rate r at which a state decays, 1/s:
+// STIFF_STEP: r times the step. Below it the step is explicit.
+// STIFF_STRETCH: r times the stretch that is simulated with one command. Above it ROS34PW2 is used.
+// Instead of it, exponential steps (exponential_step.hpp) are used where the winding is linear:
+// EXPONENTIAL_RATIO: r over the angular frequency of cogging and eccentricity. Below it the step is
+// explicit, because an exponential one must be as short and costs more.
+// EXPONENTIAL_DECAY: r times the step. Above it ROS34PW2 is used, because rounding makes the
+// exponential step inexact.
 constexpr double STIFF_STEP = 1.2;
 constexpr double STIFF_STRETCH = 64.0;
 constexpr double EXPONENTIAL_RATIO = 4.0;
@@ -105,7 +108,8 @@ VGROOVE_INLINE void stiff_motor_slopes(const Rates<V> &r, const MotorCoupling<V>
     k.x[STATE_SPEED] = inverse * (own_i * right_w + g * c.torque * right_i);
 }
 
-// A stage's slope of a filter that follows the state `source`, whose slope is known
+// Slope of a filter's state in a stage. The filter is a first-order lag behind the state `source`
+// (current or speed), whose slope in this stage must be in k already.
 template <class V, int N>
 VGROOVE_INLINE void stiff_filter_slope(V rate, V h, int source, int filter, const State<V, N> &sum,
                                        State<V, N> &k) {

@@ -81,7 +81,7 @@ template <class V> VGROOVE_INLINE PhiFunctions4<V> phi_taylor_4(V trace, V det) 
     return {phi_from_p3<V>(phi_lower<V>(1.0 / 6.0, p4, trace, det), trace, det), p4};
 }
 
-// The functions of 2 Z from those of Z, whose trace and determinant are given
+// phi_0 to phi_3 of the matrix 2 Z, from those of Z (f). trace, det: of Z
 template <class V>
 VGROOVE_INLINE PhiFunctions<V> phi_doubled(const PhiFunctions<V> &f, V trace, V det) {
     const MatrixFunction<V> q1 = matrix_product<V>(f.e, f.p1, trace, det),

@@ -163,11 +163,13 @@ def is_likelier(search: Search, rival: Fit, part: Fit, covariates: Covariates) -
 def without_replaceable(
     selection: Selection, part: Fit, covariates: Covariates
 ) -> tuple[Fit, list[Fit]]:
-    """The set that is named, and its rivals. If the set ends far from the noise and more than
-    DECISION.most_rivals other effects could replace a member of it, the logs do not show which of
-    them is present, or whether the member only imitates what is outside the catalogue: the member
-    is removed, that of the smallest gain first, and its part of the gap is reported as unexplained.
-    A member stays if nothing would be established without it.
+    """The set that the verdict names, and its rivals.
+
+    A member that more than DECISION.most_rivals other effects could replace is removed, that of the
+    smallest gain first, and its part of the gap is reported as unexplained: the logs do not show
+    which of these effects is present, or whether the member only imitates one that the catalogue
+    lacks. It stays where the set ends near the noise, and where nothing would be established
+    without it.
     """
     search, leaner = selection.search, part
     while leaner is not None:
