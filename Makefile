@@ -72,7 +72,7 @@ lint: build
 unit: build
 	ctest --preset dev -j $(JOBS)
 
-test: build ## everything that guards a change, at most 15 minutes on 2 cores
+test: build ## everything that guards a change
 	ctest --preset dev -j $(JOBS)
 	$(VENV)/bin/ruff check .
 	$(PY) -m pytest -n $(TEST_WORKERS) --dist loadgroup --no-loadscope-reorder --durations=20 tests
