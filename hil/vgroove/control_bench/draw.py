@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest, qmc
+import scipy  # its parts load when they are first used
 
 from vgroove.control_bench.sets import SETS
 from vgroove.rig import Rig
@@ -62,7 +62,7 @@ def drawn(spans: Mapping[str, Span], count: int, seeds: Sequence[int]) -> list[d
     """`count` draws of all values by Latin hypercube sampling (McKay, Beckman and Conover 1979):
     each of `count` equal parts of each range holds one draw.
     """
-    sampler = qmc.LatinHypercube(len(spans), rng=np.random.default_rng(list(seeds)))
+    sampler = scipy.stats.qmc.LatinHypercube(len(spans), rng=np.random.default_rng(list(seeds)))
     shares = sampler.random(count)
     columns = [span.at(shares[:, n]) for n, span in enumerate(spans.values())]
     return [dict(zip(spans, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
@@ -109,5 +109,5 @@ def failure_interval(failures: int, count: int) -> tuple[float, float]:
     """95 % interval of the share of failures (Clopper and Pearson 1934); (0, 1) without runs."""
     if count == 0:
         return 0.0, 1.0
-    found = binomtest(failures, count).proportion_ci(0.95)
+    found = scipy.stats.binomtest(failures, count).proportion_ci(0.95)
     return float(found.low), float(found.high)

@@ -4,7 +4,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from scipy import signal
+import scipy  # its parts load when they are first used
 
 from vgroove.control_bench.runs import Run
 from vgroove.reference.blows import BLOW, CLEAN, REPEAT, clean
@@ -68,7 +68,7 @@ def housing_20k(run: Run) -> tuple[np.ndarray, np.ndarray]:
 @cache
 def band_filter() -> np.ndarray:
     """Butterworth band-pass of order 4, 6 to 1,250 Hz, at 20 kHz, as second-order sections."""
-    return signal.butter(BAND_ORDER, BAND_HZ, "bandpass", fs=HOUSING_HZ, output="sos")
+    return scipy.signal.butter(BAND_ORDER, BAND_HZ, "bandpass", fs=HOUSING_HZ, output="sos")
 
 
 @cache
@@ -88,7 +88,7 @@ def hand_arm_filter() -> np.ndarray:
         [1.0, w["f4"] / ISO_Q["q2"], w["f4"] ** 2],
     )
     zeros, poles = np.polymul(band[0], weight[0]), np.polymul(band[1], weight[1])
-    return signal.tf2sos(*signal.bilinear(zeros, poles, HOUSING_HZ))
+    return scipy.signal.tf2sos(*scipy.signal.bilinear(zeros, poles, HOUSING_HZ))
 
 
 def vibration(run: Run, from_s: float, to_s: float) -> dict[str, float]:
@@ -98,7 +98,7 @@ def vibration(run: Run, from_s: float, to_s: float) -> dict[str, float]:
     time_s, housing = housing_20k(run)
     inside = (time_s >= from_s) & (time_s <= to_s)
     return {
-        name: rms(signal.sosfilt(sos, housing)[inside])
+        name: rms(scipy.signal.sosfilt(sos, housing)[inside])
         for name, sos in (("rms_nm", band_filter()), ("weighted_nm", hand_arm_filter()))
     }
 
@@ -109,8 +109,8 @@ def ripple(run: Run, from_s: float, to_s: float) -> float:
     """
     time_s, housing = housing_20k(run)
     inside = housing[(time_s >= from_s) & (time_s <= to_s)]
-    settled = signal.sosfilt_zi(band_filter()) * inside[: round(SETTLE_S * HOUSING_HZ)].mean()
-    return rms(signal.sosfilt(band_filter(), inside, zi=settled)[0])
+    settled = scipy.signal.sosfilt_zi(band_filter()) * inside[: round(SETTLE_S * HOUSING_HZ)].mean()
+    return rms(scipy.signal.sosfilt(band_filter(), inside, zi=settled)[0])
 
 
 def rms(values: np.ndarray) -> float:

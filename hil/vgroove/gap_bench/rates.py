@@ -4,14 +4,14 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 
 def wilson(hits: int, count: int, level: float = 0.95) -> tuple[float, float]:
     """Confidence interval of a share hits / count by the score method (Wilson 1927)."""
     if count == 0:
         return 0.0, 1.0
-    z = float(norm.ppf(0.5 + level / 2.0))
+    z = float(ndtri(0.5 + level / 2.0))
     share, square = hits / count, z * z / count
     middle = (share + square / 2.0) / (1.0 + square)
     half = z * np.sqrt(share * (1.0 - share) / count + square / (4.0 * count)) / (1.0 + square)

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
-from scipy.stats import norm, t
+from scipy.special import fdtri, ndtri, stdtrit
 
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
@@ -43,7 +42,7 @@ class Covariance:
     def half_widths(self) -> np.ndarray:
         """Half widths (p,) of the 95 % intervals of the numbers."""
         freedom = np.array([self.freedom_of([k]) for k in range(len(self.total))])
-        return np.sqrt(np.maximum(np.diag(self.total), 0.0)) * t.ppf(UPPER_QUANTILE, freedom)
+        return np.sqrt(np.maximum(np.diag(self.total), 0.0)) * stdtrit(freedom, UPPER_QUANTILE)
 
     def freedom_of(self, places: Sequence[int]) -> float:
         """Effective degrees of freedom of the covariance of the numbers at these places, by the
@@ -141,7 +140,7 @@ def _hotelling_quantile(dimension: int, freedom: float) -> float:
     if rest < 1:
         return np.inf
     scale = dimension * freedom / rest
-    return scale * float(f_distribution.ppf(2.0 * UPPER_QUANTILE - 1.0, dimension, rest))
+    return scale * float(fdtri(dimension, rest, 2.0 * UPPER_QUANTILE - 1.0))
 
 
 def white_noise_half_widths(engine: Engine, one: Fit) -> np.ndarray:
@@ -153,7 +152,7 @@ def white_noise_half_widths(engine: Engine, one: Fit) -> np.ndarray:
     values, vectors = np.linalg.eigh(normal)
     with np.errstate(divide="ignore"):
         variance = (vectors**2 / np.maximum(values, 0.0)).sum(axis=1)
-    return norm.ppf(UPPER_QUANTILE) * np.sqrt(variance)
+    return ndtri(UPPER_QUANTILE) * np.sqrt(variance)
 
 
 def _jackknife_covariance(steps: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ of filtered residuals are generalised least squares.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 MAX_ORDER = 32  # of the autoregressive models: rows that predict the next one
 ROWS_PER_NUMBER = 10  # fewest rows of a series for each number of its model
@@ -30,7 +29,9 @@ class Whitening:
         out = np.array(residuals, dtype=float)
         for rows, taps in zip(self.rows, self.taps, strict=True):
             if len(taps) > 1 and out.size:
-                out[..., rows] = lfilter(taps, [1.0], out[..., rows], axis=-1)
+                series = out[..., rows].reshape(-1, len(rows))
+                filtered = [np.convolve(one, taps)[: len(rows)] for one in series]
+                out[..., rows] = np.reshape(filtered, (*out.shape[:-1], len(rows)))
         return out
 
 

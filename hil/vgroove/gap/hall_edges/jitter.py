@@ -5,7 +5,7 @@ and from it the standard deviation of each edge speed.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load when they are first used
+from scipy.special import chdtri
 
 from vgroove.gap.cleaning.sensor_noise import (
     MIN_SIGMA,
@@ -116,7 +116,7 @@ def _edge_variance(
     # trace^2 / trace of the square as its degrees of freedom (Satterthwaite, Biometrics Bulletin
     # 2(6), 1946)
     freedom = power**2 / np.sum(covariance**2, axis=(1, 2))
-    median_share = scipy.stats.chi2.median(freedom) / freedom  # its median lies below its mean
+    median_share = chdtri(freedom, 0.5) / freedom  # its median lies below its mean
     angle = ((edges.speed_rpm - motion_rpm) * RAD_S_PER_RPM)[rows] * mean_period[:, None]
     square = np.sum(np.einsum("mi,mij->mj", angle, projection) ** 2, axis=1)
     rounding = (

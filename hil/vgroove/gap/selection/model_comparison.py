@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from vgroove.gap.fitting.whitening import autocovariance
 
@@ -185,7 +185,7 @@ def fixed_design_bound(
     white = 4.0 * distance * float(left @ left) / blocks.total
     scatter = np.sqrt(max(float(power.sum()), white))
     return (
-        float(distance + chance.sum() - t.ppf(0.5 * (1.0 + level), freedom) * scatter)
+        float(distance + chance.sum() - stdtrit(freedom, 0.5 * (1.0 + level)) * scatter)
         / blocks.total
     )
 
@@ -271,7 +271,7 @@ def small_sample_factor(count: int, level: float) -> float:
     if count < BOOTSTRAP.min_count:
         return BOOTSTRAP.unbounded
     quantile = 0.5 * (1.0 + level)
-    return float(t.ppf(quantile, count - 1) / norm.ppf(quantile) * np.sqrt(count / (count - 1.0)))
+    return float(stdtrit(count - 1, quantile) / ndtri(quantile) * np.sqrt(count / (count - 1.0)))
 
 
 def clipped_squares(residual: np.ndarray, clip_sigma: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import Coordinate, Fit
@@ -281,7 +281,7 @@ def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
     influence, left = columns @ inverse[:, 0], residual + columns @ step
     size, quantile = 1.0 + float(step[0]), 0.5 * (1.0 + significance(search, effect_id))
     return any(
-        size > float(t.ppf(quantile, freedom)) * error
+        size > float(stdtrit(freedom, quantile)) * error
         for error, freedom in (
             _error_by_blocks(search.blocks, influence, left),
             weighted_sum_error(search.blocks, influence, left),

@@ -5,7 +5,7 @@ splines, and lines of the spectrum.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
+import scipy  # its parts load when they are first used
 
 from vgroove.units import TURN_RAD
 
@@ -83,7 +83,7 @@ def smooth_curve(residual: np.ndarray, covariate: Covariate) -> tuple[np.ndarray
         x = np.concatenate([x - covariate.period, x, x + covariate.period])
         y, weight = np.tile(y, 3), np.tile(weight, 3)
     scale = float(np.ptp(x))
-    curve = make_smoothing_spline(x / scale, y, w=weight)
+    curve = scipy.interpolate.make_smoothing_spline(x / scale, y, w=weight)
     grid = np.linspace(0.0, covariate.period, CORRELATE.knots) if covariate.period else x
     return grid, curve(grid / scale)
 

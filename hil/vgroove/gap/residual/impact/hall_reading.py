@@ -8,7 +8,7 @@ parameters of the model, unlike a single reading, whose edges jump over the rows
 """
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy  # its parts load when they are first used
 
 from vgroove.units import TURN_RAD
 
@@ -55,7 +55,7 @@ def _edge_speed(
     pitch, time_s = TURN_RAD / pulses, row_s * np.arange(len(angle))
     fine_s = row_s / FINE * np.arange(FINE * (len(angle) - 1) + 1)
     forwards = np.sign(angle[-1] - angle[0])
-    path = forwards * CubicHermiteSpline(time_s, angle, speed)(fine_s)
+    path = forwards * scipy.interpolate.CubicHermiteSpline(time_s, angle, speed)(fine_s)
     turned = np.maximum.accumulate(path) / pitch
     numbers = np.arange(np.floor(turned[0]) + 1.0, np.floor(turned[-1]) + 1.0)
     edges = np.interp(numbers, turned, fine_s)
