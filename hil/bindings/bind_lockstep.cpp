@@ -1,5 +1,6 @@
-// Python binding of the lock-step in C++: run_lockstep over a chunk of stimuli, and Truth, the
-// record of the tool's true values.
+// Python binding of the lock-step in C++: a chunk of stimuli, run_lockstep with the native
+// firmware, look_ahead and advance_tool with a board in another process, and Truth, the record of
+// the tool's true values.
 #include "lockstep.hpp"
 
 #include <nanobind/ndarray.h>
@@ -91,53 +92,93 @@ void truth_note(Truth &truth, const vgroove::DrillPlant &tool, const LockstepGat
 
 namespace {
 
-template <class T> using Column = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+template <class T>
+using PeriodColumn = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-template <class T> const T *values_of(const Column<T> &column, std::size_t periods) {
+template <class T> const T *values_of(const PeriodColumn<T> &column, std::size_t periods) {
     if (column.shape(0) != periods)
-        throw std::invalid_argument("run_lockstep: every column has one value a period");
+        throw std::invalid_argument("Stimuli: every column has one value a period");
     return column.data();
 }
 
-// Columns in the order of lockstep.StimulusChunk, then the bytes to the board.
+using Front = std::tuple<double, double, int>;  // counts per A and V, temperature counts
+using Gates = std::tuple<bool, int, int>;       // coast, compare, dead_counts
+
+LockstepGates gates_of(const Gates &gates) {
+    return {std::get<0>(gates), std::get<1>(gates), std::get<2>(gates)};
+}
+
+// The stimuli of a chunk; keeps the arrays of its columns alive.
+struct Stimuli {
+    PeriodColumn<std::int64_t> trigger, switches;
+    PeriodColumn<double> load_nm, current_counts, supply_counts;
+    PeriodColumn<bool> broken;
+    PeriodColumn<std::int16_t> received;
+    Front front;
+
+    LockstepInputs inputs() const {
+        const std::size_t periods = trigger.shape(0);
+        return {trigger.data(),
+                values_of(switches, periods),
+                values_of(load_nm, periods),
+                values_of(current_counts, periods),
+                values_of(supply_counts, periods),
+                values_of(broken, periods),
+                values_of(received, periods),
+                periods,
+                std::get<0>(front),
+                std::get<1>(front),
+                std::get<2>(front)};
+    }
+};
+
 template <class Tool>
-nb::bytes run(Firmware &board, Tool &tool, Column<std::int64_t> trigger,
-              Column<std::int64_t> switches, Column<double> load_nm, Column<double> current_counts,
-              Column<double> supply_counts, Column<bool> broken, Column<std::int16_t> received,
-              const std::tuple<double, double, int> &front, const std::tuple<bool, int, int> &gates,
+nb::bytes run(Firmware &board, Tool &tool, const Stimuli &stimuli, const Gates &gates,
               Truth *truth) {
     need_owner(board);
-    const std::size_t periods = trigger.shape(0);
-    const LockstepInputs in{trigger.data(),
-                            values_of(switches, periods),
-                            values_of(load_nm, periods),
-                            values_of(current_counts, periods),
-                            values_of(supply_counts, periods),
-                            values_of(broken, periods),
-                            values_of(received, periods),
-                            periods,
-                            std::get<0>(front),
-                            std::get<1>(front),
-                            std::get<2>(front)};
+    const LockstepInputs in = stimuli.inputs();
     std::string sent;
     {
         const FirmwareHold hold(board);
         nb::gil_scoped_release unlocked;
-        sent = lockstep_run(board, tool, in,
-                            {std::get<0>(gates), std::get<1>(gates), std::get<2>(gates)}, truth);
+        sent = lockstep_run(board, tool, in, gates_of(gates), truth);
     }
     return nb::bytes(sent.data(), sent.size());
 }
 
+template <class Tool>
+nb::bytes look_ahead(const Tool &tool, const Stimuli &stimuli, const Gates &gates, std::size_t from,
+                     std::size_t count) {
+    const std::vector<SimInputs> messages =
+        lockstep_ahead(tool, stimuli.inputs(), gates_of(gates), from, count);
+    return nb::bytes(reinterpret_cast<const char *>(messages.data()),
+                     messages.size() * sizeof(SimInputs));
+}
+
+template <class Tool>
+void advance_tool(Tool &tool, const Stimuli &stimuli, const Gates &gates, std::size_t from,
+                  std::size_t count, Truth *truth) {
+    const LockstepInputs in = stimuli.inputs();
+    const LockstepGates in_force = gates_of(gates);
+    for (std::size_t at = from; at < in.periods && at < from + count; ++at) {
+        lockstep_tool_period(tool, in_force, in.load_nm[at]);
+        if (truth)
+            truth_note(*truth, tool, in_force);
+    }
+}
+
 template <class Tool> void bind_run(nb::module_ &m) {
-    m.def("run_lockstep", &run<Tool>, "firmware"_a, "tool"_a, "trigger"_a, "switches"_a,
-          "load_nm"_a, "current_counts"_a, "supply_counts"_a, "broken"_a, "received"_a, "front"_a,
-          "gates"_a, "truth"_a.none() = nb::none(),
-          "Runs a chunk of lock-step; every column has one value a period. received: a byte or -1. "
-          "front: "
-          "counts per A and V, temperature counts; gates:\n"
-          "coast, compare, dead_counts in force in the first period. Returns the bytes sent; the "
-          "firmware holds the gates of the next period.");
+    m.def("run_lockstep", &run<Tool>, "firmware"_a, "tool"_a, "stimuli"_a, "gates"_a,
+          "truth"_a.none() = nb::none(),
+          "Runs a chunk of lock-step. gates: coast, compare, dead_counts in force in the first "
+          "period. Returns the bytes sent;\nthe firmware holds the gates of the next period.");
+    m.def("look_ahead", &look_ahead<Tool>, "tool"_a, "stimuli"_a, "gates"_a, "first"_a, "count"_a,
+          "Messages to a board for at most `count` periods from period `first` of the stimuli on, "
+          "with these gates throughout;\nthe tool itself does not move.");
+    m.def("advance_tool", &advance_tool<Tool>, "tool"_a, "stimuli"_a, "gates"_a, "first"_a,
+          "count"_a, "truth"_a.none() = nb::none(),
+          "Advances the tool by `count` periods from period `first` of the stimuli on, with these "
+          "gates throughout.");
 }
 
 // Rows (n, 8) and their columns' names.
@@ -177,6 +218,22 @@ void bind_lockstep(nb::module_ &m) {
     for (const char *name : TRUTH_COLUMN_NAMES)
         names.append(name);
     m.attr("TRUTH_COLUMNS") = names;
+    nb::class_<Stimuli>(m, "Stimuli",
+                        "Stimuli of a chunk of PWM periods, one value a period in each column.")
+        .def(
+            "__init__",
+            [](Stimuli *self, PeriodColumn<std::int64_t> trigger,
+               PeriodColumn<std::int64_t> switches, PeriodColumn<double> load_nm,
+               PeriodColumn<double> current_counts, PeriodColumn<double> supply_counts,
+               PeriodColumn<bool> broken, PeriodColumn<std::int16_t> received, const Front &front) {
+                new (self) Stimuli{trigger,       switches, load_nm,  current_counts,
+                                   supply_counts, broken,   received, front};
+                self->inputs();
+            },
+            "trigger"_a, "switches"_a, "load_nm"_a, "current_counts"_a, "supply_counts"_a,
+            "broken"_a, "received"_a, "front"_a,
+            "Columns as in lockstep.StimulusChunk; received: a byte to the board or -1; front: "
+            "counts per A and V, temperature counts.");
     bind_run<vgroove::DrivePlant>(m);
     bind_run<vgroove::ImpactPlant>(m);
     bind_run<vgroove::DrillPlant>(m);

@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <exception>
 #include <string>
 #include <vector>
 
@@ -68,15 +69,43 @@ SimInputs lockstep_message(const LockstepInputs &in, std::size_t at,
 double lockstep_dead(const LockstepGates &gates);
 LockstepGates lockstep_gates(const SimOutputs &outputs);
 
+// One period of the tool with the gates in force in it
+template <class Tool>
+vgroove::PeriodResult lockstep_tool_period(Tool &tool, const LockstepGates &gates, double load_nm) {
+    return tool.period(gates.coast, gates.compare / static_cast<double>(COMPARE_TOP),
+                       lockstep_dead(gates), load_nm);
+}
+
+// Messages to the board for up to `count` periods from period `from` on, as long as the gates stay
+// as they are. The tool itself does not move. A period that the tool cannot compute ends the
+// messages; if it is the first, its exception is passed on.
+template <class Tool>
+std::vector<SimInputs> lockstep_ahead(const Tool &tool, const LockstepInputs &in,
+                                      const LockstepGates &gates, std::size_t from,
+                                      std::size_t count) {
+    std::vector<SimInputs> messages;
+    Tool ahead(tool);
+    for (std::size_t at = from; at < in.periods && messages.size() < count; ++at) {
+        try {
+            messages.push_back(
+                lockstep_message(in, at, lockstep_tool_period(ahead, gates, in.load_nm[at])));
+        } catch (const std::exception &) {
+            if (messages.empty())
+                throw;
+            break;
+        }
+    }
+    return messages;
+}
+
 // Runs the chunk; returns the bytes that the board sent. truth may be null.
 template <class Tool>
 std::string lockstep_run(Firmware &board, Tool &tool, const LockstepInputs &in, LockstepGates gates,
                          Truth *truth) {
     std::string sent;
     for (std::size_t at = 0; at < in.periods; ++at) {
-        const double duty = gates.compare / static_cast<double>(COMPARE_TOP);
-        const SimInputs message = lockstep_message(
-            in, at, tool.period(gates.coast, duty, lockstep_dead(gates), in.load_nm[at]));
+        const SimInputs message =
+            lockstep_message(in, at, lockstep_tool_period(tool, gates, in.load_nm[at]));
         if (truth)
             truth_note(*truth, tool, gates);
         sim_period(&message, &board.outputs);

@@ -28,7 +28,8 @@ struct Options {
     Cycle brown_out = NEVER;  // brown-out reset at this cycle
     Cycle least_dead = 2;
     std::uint32_t seed = 1;
-    bool pty = false;  // at the pace of the wall clock, see real_time.hpp
+    bool stretches = false;  // several periods in a message, see main.cpp
+    bool pty = false;        // at the pace of the wall clock, see real_time.hpp
     double pace = 1.0;
 };
 

@@ -9,6 +9,7 @@
 #include <cstring>
 #include <fstream>
 #include <memory>
+#include <vector>
 
 #include "bench.hpp"
 #include "real_time.hpp"
@@ -24,7 +25,7 @@ constexpr const char *USAGE =
     "FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
     "                     [--cut CYCLE] [--brown-out CYCLE] [--hang CYCLE] "
     "[--least-dead CYCLES] [--profile FILE] [--seed N]\n"
-    "                     [--boot-r2 VALUE] [--pty] [--pace FACTOR]\n"
+    "                     [--boot-r2 VALUE] [--pty] [--pace FACTOR] [--stretches]\n"
     "Reads one SimInputs a PWM period on stdin, answers one SimOutputs "
     "on stdout (firmware/hal/sim/sim_io.h),\nuntil stdin ends. --cut: the power fails at "
     "this cycle; --brown-out: reset at this cycle;\n--hang: the main program enters an endless "
@@ -32,6 +33,8 @@ constexpr const char *USAGE =
     "at this cycle, interrupts go on.\n"
     "--pty: instead of that, at the pace of the wall clock, with the UART on a pseudo-terminal, "
     "whose name is\nprinted on stdout, until SIGTERM.\n"
+    "--stretches: requests of several periods, a 16-bit count and the messages; the answer, in the "
+    "same form,\nends with the first period after which the bridge has another command.\n"
     "--boot-r2: a boot loader has cleared MCUSR and left this value in register r2.\n";
 
 std::uint8_t reset_cause(const std::string &name) {
@@ -100,6 +103,8 @@ board::Options parse(int count, char **arguments) {
             options.elf = argument;
         } else if (argument == "--pty") {
             options.pty = true;
+        } else if (argument == "--stretches") {
+            options.stretches = true;
         } else if (i + 1 < count) {
             set_option(options, argument, arguments[++i]);
         } else {
@@ -143,6 +148,62 @@ bool write_whole(int stream, const void *data, std::size_t size) {
     return true;
 }
 
+bool same_gates(const SimOutputs &a, const SimOutputs &b) {
+    return a.coast == b.coast && a.compare == b.compare && a.dead_counts == b.dead_counts;
+}
+
+// Runs the periods of a request until the bridge gets another command than `gates`; returns false
+// when the run has ended.
+bool run_stretch(board::Bench &bench, const std::vector<SimInputs> &request, SimOutputs &gates,
+                 std::vector<SimOutputs> &answer) {
+    for (const SimInputs &inputs : request) {
+        SimOutputs outputs;
+        if (!bench.period(inputs, outputs)) {
+            return false;
+        }
+        answer.push_back(outputs);
+        if (!same_gates(outputs, gates)) {
+            gates = outputs;
+            break;
+        }
+    }
+    return true;
+}
+
+// An answer in one piece, as its reader expects it
+bool write_answer(int stream, const std::vector<SimOutputs> &answer) {
+    const auto count = static_cast<std::uint16_t>(answer.size());
+    std::vector<char> message(sizeof count + answer.size() * sizeof(SimOutputs));
+    std::memcpy(message.data(), &count, sizeof count);
+    std::memcpy(message.data() + sizeof count, answer.data(), answer.size() * sizeof(SimOutputs));
+    return answer.empty() || write_whole(stream, message.data(), message.size());
+}
+
+// --stretches: a request is a count and as many SimInputs, its answer a count and the SimOutputs
+// up to the first that differs from those before in the bridge's command.
+void serve_stretches(board::Bench &bench, int stream) {
+    SimOutputs gates{};
+    gates.coast = 1;
+    std::vector<SimInputs> request;
+    std::vector<SimOutputs> answer;
+    std::uint16_t count = 0;
+    bool goes_on = true;
+    while (goes_on && read_whole(&count, sizeof count)) {
+        request.resize(count);
+        answer.clear();
+        if (!read_whole(request.data(), count * sizeof(SimInputs))) {
+            return;
+        }
+        try {
+            goes_on = run_stretch(bench, request, gates, answer);
+        } catch (const BoardError &) {
+            write_answer(stream, answer);
+            throw;
+        }
+        goes_on = write_answer(stream, answer) && goes_on;
+    }
+}
+
 void serve(board::Bench &bench, int stream) {
     SimInputs inputs;
     SimOutputs outputs;
@@ -175,6 +236,8 @@ int run(const board::Options &options, int stream) {
     try {
         if (options.pty) {
             board::serve_pseudo_terminal(*bench, stream, options.pace);
+        } else if (options.stretches) {
+            serve_stretches(*bench, stream);
         } else {
             serve(*bench, stream);
         }

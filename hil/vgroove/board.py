@@ -1,5 +1,5 @@
-"""The simulated AVR as a board: one `vgroove-board` process that runs the ELF and exchanges one
-message of fixed size each PWM period.
+"""The simulated AVR as a board: one `vgroove-board` process that runs the ELF and exchanges
+messages of fixed size, one for each PWM period.
 """
 
 import json
@@ -11,6 +11,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from vgroove.errors import VgrooveError
 
@@ -25,7 +27,30 @@ SWITCH_CONTACT, SWITCH_REVERSE, SWITCH_MODE_SHIFT = 1, 2, 2
 
 _INPUTS = struct.Struct(f"<4H{EDGES_MAX}HBBB{BYTES_MAX}s")  # SimInputs of firmware/hal/sim/sim_io.h
 _OUTPUTS = struct.Struct(f"<BhBB{BYTES_MAX}s")  # SimOutputs
+# SimInputs and SimOutputs of firmware/hal/sim/sim_io.h as rows of an array
+INPUTS = np.dtype(
+    [
+        ("adc_counts", "<u2", len(ADC_CHANNELS)),
+        ("edge_cycle", "<u2", EDGES_MAX),
+        ("edge_count", "u1"),
+        ("switches", "u1"),
+        ("rx_count", "u1"),
+        ("rx", "u1", BYTES_MAX),
+    ]
+)
+OUTPUTS = np.dtype(
+    [
+        ("coast", "u1"),
+        ("compare", "<i2"),
+        ("dead_counts", "u1"),
+        ("tx_count", "u1"),
+        ("tx", "u1", BYTES_MAX),
+    ]
+)
 INPUT_BYTES, OUTPUT_BYTES = _INPUTS.size, _OUTPUTS.size
+# most periods of one call of AvrBoard.periods: the answer to them is written and read in one piece
+PERIODS_MAX = 256
+_COUNT = struct.Struct("<H")
 _NO_EDGES = (0,) * EDGES_MAX
 
 
@@ -64,10 +89,23 @@ def pack_inputs(inputs: BoardInputs) -> bytes:
     return _INPUTS.pack(*adc_counts, *padded, count, switches, len(rx), rx)
 
 
+def sent_bytes(outputs: np.ndarray) -> bytes:
+    """The bytes that a board sent; outputs: (n,) of OUTPUTS."""
+    return outputs["tx"][np.arange(BYTES_MAX) < outputs["tx_count"][:, None]].tobytes()
+
+
+def unpack_answer(messages: bytes) -> list[BoardOutputs]:
+    """A board's outputs in successive periods, OUTPUT_BYTES each."""
+    return [
+        BoardOutputs(coast != 0, compare, dead_counts, tx[:count])
+        for coast, compare, dead_counts, count, tx in _OUTPUTS.iter_unpack(messages)
+    ]
+
+
 def unpack_outputs(message: bytes) -> BoardOutputs:
-    """A board's answer of OUTPUT_BYTES."""
-    coast, compare, dead_counts, count, tx = _OUTPUTS.unpack(message)
-    return BoardOutputs(coast != 0, compare, dead_counts, tx[:count])
+    """A board's outputs in one period."""
+    (outputs,) = unpack_answer(message)
+    return outputs
 
 
 TOOLS = ("impact", "drill")
@@ -140,9 +178,8 @@ class AvrBoard:
 
     def __init__(self, elf: Path, *, mcu: str = "atmega328p", **options: object) -> None:
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
-        command = _arguments(elf, mcu, options)
         self._process = subprocess.Popen(
-            command,
+            [*_arguments(elf, mcu, options), "--stretches"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
@@ -161,14 +198,24 @@ class AvrBoard:
         """Advance 510 cycles with `inputs`; the bridge command of the next period and the bytes
         sent in this one.
         """
+        return unpack_outputs(self.periods(pack_inputs(inputs)))
+
+    def periods(self, messages: bytes) -> bytes:
+        """Advance at most PERIODS_MAX periods with inputs in succession (pack_inputs). The outputs
+        end with the first that changes the command of the bridge: the tool's measurements in later
+        periods, and so their inputs, depend on it.
+        """
+        count = len(messages) // INPUT_BYTES
+        if not 0 < count <= PERIODS_MAX:
+            raise ValueError(f"periods: 1 to {PERIODS_MAX} messages, not {count}")
         try:
-            os.write(self._to_board_fd, pack_inputs(inputs))
-            message = os.read(self._from_board_fd, OUTPUT_BYTES)
+            os.write(self._to_board_fd, _COUNT.pack(count) + messages)
+            answer = os.read(self._from_board_fd, _COUNT.size + count * OUTPUT_BYTES)
         except BrokenPipeError:
             raise self._failure() from None
-        if len(message) != OUTPUT_BYTES:
+        if not answer:
             raise self._failure()
-        return unpack_outputs(message)
+        return answer[_COUNT.size :]
 
     def _failure(self) -> VgrooveError:
         self._process.wait()

@@ -5,18 +5,27 @@ sensors, switches, bridge, line, and the board itself.
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
+from math import ceil
 from typing import Any
 
 import numpy as np
 
 from vgroove.board import (
-    ADC_CHANNELS,
+    BUS,
+    BYTES_MAX,
     CPU_HZ,
     CURRENT,
+    INPUTS,
+    OUTPUTS,
     PERIOD_S,
     SWITCH_CONTACT,
+    TEMPERATURE,
+    TRIGGER,
     BoardInputs,
     BoardOutputs,
+    pack_inputs,
+    unpack_outputs,
 )
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import ADC_COUNTS
@@ -31,114 +40,115 @@ SAVE_DELAY_S = 0.05  # from the command to the brown-out: the save has begun and
 SAVED_INDEX, SAVED_VALUE = 13, 198  # slew_per_ms_q15, beside its default
 BOOT_CYCLES = 29_800  # from the reset to the first PWM period, at which a run's time begins
 BYTE_PERIODS = 2  # of a byte to the board
+BOUNCE_PERIODS = ceil(BOUNCE_S / PERIOD_S)
+ROUNDING = 1e-6  # of a period, by which the time of a fault may miss the start of one
 
 
 @dataclass
 class State:
-    """What an injected fault remembers: its random numbers, the last inputs before it, the level
-    of the Hall line.
+    """What an injected fault knows: a seed, the last inputs before it, the level of the Hall
+    line.
     """
 
-    rng: np.random.Generator
-    before: BoardInputs | None = None
+    seed: int
+    before: np.ndarray | None = None  # one row of INPUTS
     hall_high: bool = True  # open collector with pull-up
-    broken: bool = False
-    to_send: list[int] = field(default_factory=list)
 
 
-Change = Callable[[BoardInputs, State, float], BoardInputs]
+# Changes inputs (n,) of INPUTS in place; since (n,): periods since the first of the fault. A period
+# may be asked for again, after the board has changed its gates: equal inputs, equal changes.
+Change = Callable[[np.ndarray, np.ndarray, State], None]
 
 
-def _with_counts(inputs: BoardInputs, **changed: int) -> BoardInputs:
-    counts = list(inputs.adc_counts)
-    for name, value in changed.items():
-        counts[ADC_CHANNELS.index(name)] = max(0, min(COUNT_TOP, value))
-    return inputs._replace(adc_counts=tuple(counts))
+def _set_counts(inputs: np.ndarray, channel: int, counts: np.ndarray | int) -> None:
+    inputs["adc_counts"][:, channel] = np.clip(counts, 0, COUNT_TOP)
 
 
 def _hall_at(high: bool) -> Change:
     """The Hall line keeps a level; where it had the other one, it changes once."""
 
-    def change(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-        del since_s
-        edges = () if state.broken or state.hall_high == high else (0,)
-        state.broken, state.hall_high = True, high
-        return inputs._replace(edges=edges)
+    def change(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+        changes = (since == 0) & (state.hall_high != high)
+        inputs["edge_count"] = changes
+        inputs["edge_cycle"][changes] = 0
 
     return change
 
 
-def _current_stuck(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-    del since_s
-    held = inputs if state.before is None else state.before
-    return _with_counts(inputs, current=held.adc_counts[CURRENT])
+def _current_stuck(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+    if state.before is None:
+        state.before = inputs[since == 0][0]
+    _set_counts(inputs, CURRENT, int(state.before["adc_counts"][CURRENT]))
 
 
-def _current_offset(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-    del state, since_s
-    return _with_counts(inputs, current=inputs.adc_counts[CURRENT] + CURRENT_OFFSET_COUNTS)
+def _current_offset(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+    del since, state
+    _set_counts(inputs, CURRENT, inputs["adc_counts"][:, CURRENT] + CURRENT_OFFSET_COUNTS)
 
 
-def _adc_reference(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
+def _adc_reference(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
     """The trigger's potentiometer divides the reference itself and keeps its counts."""
-    del state, since_s
-    current, bus, _, temperature = (round(REFERENCE_FACTOR * c) for c in inputs.adc_counts)
-    return _with_counts(inputs, current=current, bus=bus, temperature=temperature)
+    del since, state
+    for channel in (CURRENT, BUS, TEMPERATURE):
+        _set_counts(inputs, channel, np.rint(REFERENCE_FACTOR * inputs["adc_counts"][:, channel]))
 
 
-def _bus_dip(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
+def _bus_dip(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
     del state
-    return _with_counts(inputs, bus=BUS_DIP_COUNTS) if since_s < BUS_DIP_S else inputs
+    inputs["adc_counts"][since * PERIOD_S < BUS_DIP_S, BUS] = BUS_DIP_COUNTS
 
 
-def _trigger_stuck(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-    del state, since_s
-    pressed = _with_counts(inputs, trigger=920)
-    return pressed._replace(switches=inputs.switches | SWITCH_CONTACT)
+def _trigger_stuck(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+    del since, state
+    _set_counts(inputs, TRIGGER, 920)
+    inputs["switches"] |= SWITCH_CONTACT
 
 
-def _contact_bounce(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-    if since_s >= BOUNCE_S or state.rng.integers(2):
-        return inputs
-    return inputs._replace(switches=inputs.switches ^ SWITCH_CONTACT)
+def _contact_bounce(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+    flips = np.random.default_rng(state.seed).integers(2, size=BOUNCE_PERIODS)
+    bounces = since < BOUNCE_PERIODS
+    inputs["switches"][bounces] ^= (flips[since[bounces]] * SWITCH_CONTACT).astype(np.uint8)
 
 
-def _pot_open(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
+def _pot_open(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
     """The ground wire is off: the wiper has the reference's voltage."""
-    del state, since_s
-    return _with_counts(inputs, trigger=COUNT_TOP)
+    del since, state
+    _set_counts(inputs, TRIGGER, COUNT_TOP)
 
 
-def _flipped(data: bytes, rng: np.random.Generator) -> bytes:
-    """Bytes with independent bit errors."""
-    if not data:
-        return data
-    flips = rng.random((len(data), 8)) < BIT_ERROR_RATE
-    return bytes(b ^ int((f * (1 << np.arange(8))).sum()) for b, f in zip(data, flips, strict=True))
+def _bit_errors(bytes_sent: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Bytes (n,) with independent bit errors."""
+    flips = rng.random((len(bytes_sent), 8)) < BIT_ERROR_RATE
+    return bytes_sent ^ np.packbits(flips, axis=1)[:, 0]
 
 
-def _line_errors(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-    del since_s
-    return inputs._replace(rx=_flipped(inputs.rx, state.rng))
+def _line_errors(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+    for row in np.flatnonzero(inputs["rx_count"]):
+        rng = np.random.default_rng([state.seed, int(since[row])])
+        inputs["rx"][row] = _bit_errors(inputs["rx"][row], rng)
 
 
-def _parameter_write(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-    """A command that saves a parameter arrives, beginning with the fault."""
+@cache
+def _parameter_command() -> bytes:
+    """The command that saves a parameter."""
     from vgroove import telemetry
 
-    if not state.broken:
-        state.broken = True
-        values = {"write_index": SAVED_INDEX, "write_value": SAVED_VALUE, "write_sequence": 1}
-        frame = telemetry.frame_of_signals("PARAM_WRITE", 0, **values)
-        state.to_send = list(telemetry.frame_bytes(frame))
-    if state.to_send and round(since_s / PERIOD_S) % BYTE_PERIODS == 0:
-        return inputs._replace(rx=bytes([state.to_send.pop(0)]))
-    return inputs
+    values = {"write_index": SAVED_INDEX, "write_value": SAVED_VALUE, "write_sequence": 1}
+    return telemetry.frame_bytes(telemetry.frame_of_signals("PARAM_WRITE", 0, **values))
 
 
-def _unchanged(inputs: BoardInputs, state: State, since_s: float) -> BoardInputs:
-    del state, since_s
-    return inputs
+def _parameter_write(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+    """A command that saves a parameter arrives, beginning with the fault."""
+    del state
+    command = np.frombuffer(_parameter_command(), np.uint8)
+    place = since // BYTE_PERIODS
+    arrives = (since % BYTE_PERIODS == 0) & (place < len(command))
+    inputs["rx_count"][arrives] = 1
+    inputs["rx"][arrives, 0] = command[place[arrives]]
+
+
+def _unchanged(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
+    del inputs, since, state
 
 
 @dataclass(frozen=True)
@@ -229,7 +239,9 @@ class FaultyBoard:
     commands: list[int | None] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._state = State(np.random.default_rng(self.seed))
+        self._state = State(self.seed)
+        self._rng = np.random.default_rng(self.seed)
+        self._first = ceil(self.injection.at_s / PERIOD_S - ROUNDING)  # period of the fault
 
     def __enter__(self) -> "FaultyBoard":
         self.board.__enter__()
@@ -240,17 +252,38 @@ class FaultyBoard:
 
     def period(self, inputs: BoardInputs) -> BoardOutputs:
         """One PWM period with the fault, from its time on."""
-        fault, state = self.injection.fault, self._state
-        since_s = len(self.commands) * PERIOD_S - self.injection.at_s
-        if since_s < 0.0:
-            state.before = inputs
-            state.hall_high ^= bool(len(inputs.edges) % 2)
+        return unpack_outputs(self.periods(pack_inputs(inputs)))
+
+    def periods(self, messages: bytes) -> bytes:
+        """As AvrBoard.periods(), with the fault. The first period of the fault is a call of its
+        own, because the fault may change the gates.
+        """
+        since = len(self.commands) - self._first
+        inputs = np.frombuffer(messages, INPUTS)[: max(1, -since) if since <= 0 else None].copy()
+        if since >= 0:
+            self.injection.fault.change(inputs, since + np.arange(len(inputs)), self._state)
+        answer = self.board.periods(inputs.tobytes())
+        outputs = np.frombuffer(answer, OUTPUTS).copy()
+        self.commands += [
+            None if coast else compare
+            for coast, compare in zip(
+                outputs["coast"].tolist(), outputs["compare"].tolist(), strict=True
+            )
+        ]
+        if since < 0:
+            self._remember(inputs[: len(outputs)])
         else:
-            inputs = fault.change(inputs, state, since_s)
-        out = self.board.period(inputs)
-        self.commands.append(None if out.coast else out.compare)
-        if since_s >= 0.0 and fault.damages_line:
-            out = out._replace(tx=_flipped(out.tx, state.rng))
-        if since_s >= 0.0 and fault.opens_bridge:
-            out = out._replace(coast=True, compare=0, dead_counts=0)
-        return out
+            self._change_outputs(outputs)
+        return outputs.tobytes()
+
+    def _remember(self, inputs: np.ndarray) -> None:
+        """Inputs (n,) of periods before the fault."""
+        self._state.before = inputs[-1]
+        self._state.hall_high ^= bool(inputs["edge_count"].sum() % 2)
+
+    def _change_outputs(self, outputs: np.ndarray) -> None:
+        if self.injection.fault.damages_line:
+            sent = np.arange(BYTES_MAX) < outputs["tx_count"][:, None]
+            outputs["tx"][sent] = _bit_errors(outputs["tx"][sent], self._rng)
+        if self.injection.fault.opens_bridge:
+            outputs["coast"], outputs["compare"], outputs["dead_counts"] = 1, 0, 0

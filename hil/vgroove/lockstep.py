@@ -17,6 +17,7 @@ from vgroove.board import (
     SWITCH_REVERSE,
     BoardInputs,
     BoardOutputs,
+    unpack_answer,
 )
 from vgroove.errors import refused_by_plant
 from vgroove.sil import SilBoard
@@ -24,6 +25,9 @@ from vgroove.sil import SilBoard
 COMPARE_TOP = 255
 # Periods (16.3 ms) of a chunk: stimuli are computed, and the UART is served, once a chunk
 CHUNK_PERIODS = 512
+# Periods for which a tool's measurements are computed ahead: the firmware changes the duty at most
+# once a tick of 1 ms, 31.4 periods
+LOOK_AHEAD_PERIODS = 32
 BYTE_CYCLES = 640  # 10 bits at 250 kBd
 ADC_VOLTS, ADC_COUNTS = 5.0, 1024
 # Voltage of the trigger's potentiometer as a share of the ADC reference: at rest, and its increase
@@ -125,7 +129,7 @@ class StimulusChunk:
     broken: np.ndarray
 
     def columns(self) -> tuple[np.ndarray, ...]:
-        """In the order of run_lockstep."""
+        """In the order of _core.Stimuli."""
         return (
             self.trigger,
             self.switches,
@@ -295,26 +299,52 @@ class _Run:
     truth: Any = None
 
 
-def _is_native(board: Board, tool: Tool) -> bool:
-    """Whether board and tool are in this process, so that the loop can run in C++."""
+RunChunk = Callable[[_Run, StimulusChunk, Progress], None]
+
+
+def _chunk_loop(board: Board, tool: Tool) -> RunChunk:
+    """The fastest loop for this board and tool; all of them give the same bytes."""
     from vgroove import _core
 
-    return type(board) is SilBoard and type(tool) in (
-        _core.DrivePlant,
-        _core.ImpactPlant,
-        _core.DrillPlant,
-    )
+    if type(tool) not in (_core.DrivePlant, _core.ImpactPlant, _core.DrillPlant):
+        return _run_chunk
+    if type(board) is SilBoard:
+        return _run_chunk_native
+    return _run_chunk_ahead if getattr(board, "periods", None) else _run_chunk
+
+
+def _core_stimuli(run: _Run, stimuli: StimulusChunk) -> Any:
+    from vgroove import _core
+
+    received = run.pacer.take(len(stimuli.trigger))
+    return _core.Stimuli(*stimuli.columns(), received, run.front.scales())
 
 
 def _run_chunk_native(run: _Run, stimuli: StimulusChunk, progress: Progress) -> None:
+    """Board and tool are in this process: the loop runs in C++."""
     from vgroove import _core
 
-    machine, received = run.board.machine, run.pacer.take(len(stimuli.trigger))
-    gates = progress.gates[:3]
-    progress.sent += _core.run_lockstep(
-        machine, run.tool, *stimuli.columns(), received, run.front.scales(), gates, run.truth
-    )
+    machine, chunk = run.board.machine, _core_stimuli(run, stimuli)
+    progress.sent += _core.run_lockstep(machine, run.tool, chunk, progress.gates[:3], run.truth)
     progress.gates = BoardOutputs(machine.coast, machine.compare, machine.dead_counts, machine.tx)
+
+
+def _run_chunk_ahead(run: _Run, stimuli: StimulusChunk, progress: Progress) -> None:
+    """The board is another process, with which an exchange takes longer than a period of either:
+    the tool's measurements are computed ahead, for the gates in force, and hold until the board
+    changes these.
+    """
+    from vgroove import _core
+
+    chunk, count, at = _core_stimuli(run, stimuli), len(stimuli.trigger), 0
+    while at < count:
+        gates = progress.gates[:3]
+        ahead = _core.look_ahead(run.tool, chunk, gates, at, LOOK_AHEAD_PERIODS)
+        outputs = unpack_answer(run.board.periods(ahead))
+        _core.advance_tool(run.tool, chunk, gates, at, len(outputs), run.truth)
+        progress.sent += b"".join(output.tx for output in outputs)
+        progress.gates = outputs[-1]
+        at += len(outputs)
 
 
 def _run_chunk(run: _Run, stimuli: StimulusChunk, progress: Progress) -> None:
@@ -373,12 +403,12 @@ def steps(
     """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all
     bytes that the board has sent.
 
-    With a native board and a tool of the plant the loop runs in C++, with the same bytes.
+    With a tool of the plant the loop is a faster one, with the same bytes (_chunk_loop).
     """
     front, line = options.front or FrontEnds(), options.line or Script()
     stimulus, progress = StimulusSource(profile, front, options.seed), Progress()
     parts = _Run(board, tool, front, Pacer(), options.truth)
-    run_chunk = _run_chunk_native if _is_native(board, tool) else _run_chunk
+    run_chunk = _chunk_loop(board, tool)
     periods = round(duration_s / PERIOD_S)
     while progress.periods < periods:
         count = min(CHUNK_PERIODS, periods - progress.periods)

@@ -2,7 +2,13 @@
 this process.
 """
 
-from vgroove.board import BoardInputs, BoardOutputs, pack_inputs, unpack_outputs
+from vgroove.board import (
+    INPUT_BYTES,
+    BoardInputs,
+    BoardOutputs,
+    pack_inputs,
+    unpack_outputs,
+)
 from vgroove.errors import VgrooveError
 
 
@@ -39,6 +45,16 @@ class SilBoard:
         sent in this one.
         """
         return unpack_outputs(self._exchange(pack_inputs(inputs)))
+
+    def periods(self, messages: bytes) -> bytes:
+        """As AvrBoard.periods()."""
+        machine, outputs = self.machine, bytearray()
+        for at in range(0, len(messages), INPUT_BYTES):
+            before = (machine.coast, machine.compare, machine.dead_counts)
+            outputs += self._exchange(messages[at : at + INPUT_BYTES])
+            if (machine.coast, machine.compare, machine.dead_counts) != before:
+                break
+        return bytes(outputs)
 
     def eeprom(self) -> bytes:
         """Content of the EEPROM, 1,024 bytes."""

@@ -92,6 +92,7 @@ DrillPlant::DrillPlant(const DrillParameters &p, double supply_ohm, HallWheel wh
 
 DrillPlant::~DrillPlant() = default;
 DrillPlant::DrillPlant(DrillPlant &&) noexcept = default;
+DrillPlant::DrillPlant(const DrillPlant &other) : body_(std::make_unique<Body>(*other.body_)) {}
 
 const DrillSystem &DrillPlant::system() const {
     return body_->solver.system();

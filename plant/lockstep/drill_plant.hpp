@@ -27,6 +27,7 @@ public:
     DrillPlant(const DrillParameters &p, double supply_ohm, HallWheel wheel, double step_s);
     ~DrillPlant();
     DrillPlant(DrillPlant &&) noexcept;
+    DrillPlant(const DrillPlant &);
 
     // As DrivePlant::period. Pulse mode of the parameters replaces the duty (docs/spec/model.md,
     // section 7): for runs without a board.

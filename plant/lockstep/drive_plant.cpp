@@ -103,6 +103,7 @@ DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std:
 
 DrivePlant::~DrivePlant() = default;
 DrivePlant::DrivePlant(DrivePlant &&) noexcept = default;
+DrivePlant::DrivePlant(const DrivePlant &other) : body_(std::make_unique<Body>(*other.body_)) {}
 
 void DrivePlant::reset(double current_a, double speed_rad_s, double angle_rad) {
     const double start[3] = {current_a, speed_rad_s, angle_rad};

@@ -16,6 +16,7 @@ public:
     DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed);
     ~DrivePlant();
     DrivePlant(DrivePlant &&) noexcept;
+    DrivePlant(const DrivePlant &);
 
     // dead: share of the bus that dead time takes, 0 when the bridge does not switch; load_nm: at
     // the end of the period, linear in it.

@@ -33,6 +33,7 @@ struct ImpactBody {
           period_s(PERIOD_S / (1.0 + p.effects.clock_skew.relative)) {}
 
     virtual ~ImpactBody() = default;
+    virtual std::unique_ptr<ImpactBody> copy() const = 0;
     virtual void run(double seconds, const BridgeCommand &c, double load_rate) = 0;
     virtual double measured_current() const = 0;
     virtual double measured_bus() const = 0;
@@ -96,6 +97,12 @@ template <class L> struct SolverBody final : ImpactBody {
         solver.tolerance = L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST;
         solver.parameters = &parameters;
         impact_start(solver);
+    }
+
+    std::unique_ptr<ImpactBody> copy() const override {
+        auto body = std::make_unique<SolverBody<L>>(*this);
+        body->solver.parameters = &body->parameters;
+        return body;
     }
 
     void run(double seconds, const BridgeCommand &c, double load_rate) override {
@@ -233,6 +240,7 @@ ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, st
 
 ImpactPlant::~ImpactPlant() = default;
 ImpactPlant::ImpactPlant(ImpactPlant &&) noexcept = default;
+ImpactPlant::ImpactPlant(const ImpactPlant &other) : body_(other.body_->copy()) {}
 
 PeriodResult ImpactPlant::period(bool coast, double duty, double dead, double load_nm) {
     return body_->lockstep.period(*body_, {coast, duty, dead}, load_nm);

@@ -28,6 +28,7 @@ public:
                 ImpactAccuracy accuracy, double fixed_s);
     ~ImpactPlant();
     ImpactPlant(ImpactPlant &&) noexcept;
+    ImpactPlant(const ImpactPlant &);
 
     // As DrivePlant::period: duty and dead time hold over the period, load_nm is the value at its
     // end.

@@ -2,6 +2,8 @@
 trigger changes.
 """
 
+from functools import cache
+
 from unequal_pitches import PERIODS_PER_SECOND, command
 
 from vgroove import telemetry
@@ -44,6 +46,7 @@ def commands() -> list[tuple[int, bytes]]:
     return pairs
 
 
+@cache
 def command_load_tape(edges_per_turn: int = EDGES_PER_TURN) -> bytes:
     """Packed board inputs, one per PWM period."""
     received: dict[int, bytes] = {}

@@ -2,6 +2,8 @@
 two compare values of leg A lies at the end of the timer's range.
 """
 
+from functools import cache
+
 from unequal_pitches import PERIODS_PER_SECOND, command
 
 from vgroove import telemetry
@@ -14,6 +16,7 @@ RELEASED = 100
 TRIGGER_COUNTS = (130, 160, 200, 260, 880, 900, 1000)  # duties of 4 % to full
 
 
+@cache
 def dead_time_tape() -> bytes:
     """Packed board inputs, one per PWM period."""
     names = [parameter.name for parameter in telemetry.parameter_list()]

@@ -5,16 +5,13 @@ BoardInputs of each PWM period.
 
 from dataclasses import dataclass
 
-from vgroove import telemetry
-from vgroove.board import (
-    OUTPUT_BYTES,
-    PERIOD_S,
-    BoardInputs,
-    BoardOutputs,
-    pack_inputs,
-    unpack_outputs,
-)
+import numpy as np
+
+from vgroove import board, telemetry
+from vgroove.board import PERIOD_S, BoardInputs, BoardOutputs, pack_inputs
 from vgroove.lockstep import Board
+
+GATES = ["coast", "compare", "dead_counts"]  # of board.OUTPUTS
 
 # Signals that depend on the machine: the host has no cycles and no stack, and the hash identifies
 # the build.
@@ -47,30 +44,26 @@ class Difference:
         return f"{self.field} at {self.time_ms} ms: native {self.native}, AVR {self.avr}"
 
 
-def periods_of(outputs: bytes) -> list[BoardOutputs]:
-    """Outputs of a board, one per PWM period."""
-    return [
-        unpack_outputs(outputs[i : i + OUTPUT_BYTES]) for i in range(0, len(outputs), OUTPUT_BYTES)
-    ]
+def periods_of(outputs: bytes) -> np.ndarray:
+    """Outputs of a board, one per PWM period: (n,) of board.OUTPUTS."""
+    return np.frombuffer(outputs, board.OUTPUTS)
 
 
 def sent_bytes(outputs: bytes) -> bytes:
     """UART bytes in the outputs of a board."""
-    return b"".join(period.tx for period in periods_of(outputs))
+    return board.sent_bytes(periods_of(outputs))
 
 
-def bridge_differences(native: list[BoardOutputs], avr: list[BoardOutputs]) -> list[Difference]:
+def bridge_differences(native: np.ndarray, avr: np.ndarray) -> list[Difference]:
     """PWM periods in which the bridges of two boards differ: open or not, and the compare value
-    while driving.
+    and dead time while driving. native, avr: (n,) of board.OUTPUTS.
     """
-    pairs = [
-        ((a.coast, a.compare, a.dead_counts), (b.coast, b.compare, b.dead_counts))
-        for a, b in zip(native, avr, strict=True)
-    ]
+    a, b = native[GATES], avr[GATES]
+    assert len(a) == len(b), f"{len(a)} periods of the native board, {len(b)} of the AVR"
+    both_open = (a["coast"] != 0) & (b["coast"] != 0)
     return [
-        Difference("bridge", round(1000.0 * n * PERIOD_S), a, b)
-        for n, (a, b) in enumerate(pairs)
-        if a != b and not (a[0] and b[0])
+        Difference("bridge", round(1000.0 * n * PERIOD_S), tuple(a[n]), tuple(b[n]))
+        for n in np.flatnonzero((a != b) & ~both_open).tolist()
     ]
 
 

@@ -3,6 +3,7 @@ edges, edges at ticks, contact bounce, EEPROM writes.
 """
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 from equality import TapeBoard
@@ -139,6 +140,7 @@ def _frames() -> list[tuple[float, bytes]]:
     ]
 
 
+@cache
 def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, DisturbedEdges]:
     """Tape of a native run of the exercise, and its tool."""
     tool = DisturbedEdges(make_plant(without_board_effects(read_rig(RIG)), seed))

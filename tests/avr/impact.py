@@ -3,6 +3,7 @@ and random sensor values.
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from equality import TapeBoard
@@ -75,6 +76,7 @@ def _frames(case: Case) -> list[tuple[float, bytes]]:
     return frames
 
 
+@cache
 def impact_tape(name: str) -> bytes:
     """Tape of a native run of the case."""
     case = CASES[name]
@@ -123,6 +125,7 @@ class _RandomEdges:
         return edges
 
 
+@cache
 def random_tape(name: str, seed: int = 11) -> bytes:
     """Tape of the case's mode, driven for a second while speed, current and supply change
     abruptly, saturate, or stay constant.

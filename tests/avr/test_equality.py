@@ -77,7 +77,7 @@ def native_equals_avr(tape: bytes, target: str, request: pytest.FixtureRequest) 
     mcu, number = TARGETS[target]
     native = periods_of(sil.replay(tape, target=number))
     avr = periods_of(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
-    native_sent, avr_sent = (b"".join(period.tx for period in periods) for periods in (native, avr))
+    native_sent, avr_sent = board.sent_bytes(native), board.sent_bytes(avr)
     found = differences(native_sent, avr_sent) + bridge_differences(native, avr)
     assert not found, "native and AVR differ:\n" + _lines(found)
     assert damaged(avr_sent) == 0
@@ -105,7 +105,8 @@ def test_small_duties_after_a_change_of_the_dead_time_are_equal_bit_for_bit(
 
 def test_a_gate_that_the_dead_time_keeps_off_shortens_it() -> None:
     periods = periods_of(sil.replay(dead_time_tape(), target=1))
-    found = {(p.compare, p.dead_counts) for p in periods if not p.coast}
+    driven = periods[periods["coast"] == 0]
+    found = set(zip(driven["compare"].tolist(), driven["dead_counts"].tolist(), strict=True))
     clipped = {(compare, dead) for compare, dead in found if 0 < compare < DEAD_COUNTS // 2}
     assert len(clipped) >= 3
     for compare, dead in clipped:

@@ -4,15 +4,17 @@ time that docs/faults.md states, the fault is named, and the bridge stays open u
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import fault_table
+import numpy as np
 import pytest
 
 from vgroove import telemetry
-from vgroove.board import BoardInputs, BoardOutputs
+from vgroove.board import BYTES_MAX, BoardInputs, pack_inputs
 from vgroove.errors import VgrooveError
-from vgroove.faults import FAULTS, FaultyBoard, parse_injection
+from vgroove.faults import FAULTS, INPUTS, OUTPUTS, FaultyBoard, parse_injection
 from vgroove.log import read_log
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,15 +78,26 @@ def test_the_page_is_what_the_runs_give() -> None:
 
 
 class Recorded:
-    """A board that keeps its inputs and drives."""
+    """A board that keeps its inputs and drives. It takes at most `taken()` periods of a request, as
+    a board does that changes the bridge's command.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, taken: Callable[[], int | None] = lambda: None) -> None:
         self.inputs: list[BoardInputs] = []
+        self._taken = taken
 
-    def period(self, inputs: BoardInputs) -> BoardOutputs:
+    def periods(self, messages: bytes) -> bytes:
         """Keep the inputs."""
-        self.inputs.append(inputs)
-        return BoardOutputs(False, 100, 16, bytes(64))
+        given = np.frombuffer(messages, INPUTS)[: self._taken()]
+        for row in given:
+            counts, edges = row["adc_counts"].tolist(), row["edge_cycle"][: row["edge_count"]]
+            rx = row["rx"][: row["rx_count"]].tobytes()
+            self.inputs.append(
+                BoardInputs(tuple(counts), tuple(edges.tolist()), int(row["switches"]), rx)
+            )
+        outputs = np.zeros(len(given), OUTPUTS)
+        outputs["compare"], outputs["dead_counts"], outputs["tx_count"] = 100, 16, BYTES_MAX
+        return outputs.tobytes()
 
 
 def faulty(name: str, periods: int = 3000, edges: tuple[int, ...] = ()) -> tuple[Recorded, list]:
@@ -150,10 +163,29 @@ def test_a_bus_dip_and_a_bounce_end() -> None:
 
 
 def test_bit_errors_have_their_rate() -> None:
-    _, out = faulty("line_errors")
+    _, out = faulty("line_errors", periods=21_000)
     assert all(not any(o.tx) for o in out[:1000])
     bits = sum(byte.bit_count() for o in out[1000:] for byte in o.tx)
-    assert bits == pytest.approx(2000 * 64 * 8 * 1e-3, rel=0.2)
+    assert bits == pytest.approx(20_000 * BYTES_MAX * 8 * 1e-3, rel=0.15)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_the_same_however_many_periods_are_asked_for(name: str) -> None:
+    rng = np.random.default_rng(list(FAULTS).index(name))
+    given = [
+        BoardInputs(tuple(rng.integers(1024, size=4).tolist()), (7,) * int(rng.integers(3)), 1, rx)
+        for rx in (bytes([n % 256]) * (n % 3) for n in range(2000))
+    ]
+    singly, in_stretches = Recorded(), Recorded(lambda: int(rng.integers(1, 33)))
+    fault = parse_injection(f"{name}@0.0111")
+    one, several = FaultyBoard(singly, fault), FaultyBoard(in_stretches, fault)
+    out = [one.periods(pack_inputs(inputs)) for inputs in given]
+    answers = b""
+    while len(several.commands) < len(given):
+        ahead = given[len(several.commands) :][:32]
+        answers += several.periods(b"".join(map(pack_inputs, ahead)))
+    assert in_stretches.inputs == singly.inputs and several.commands == one.commands
+    assert answers == b"".join(out)
 
 
 def test_a_bridge_that_is_off_does_not_hide_the_command() -> None:

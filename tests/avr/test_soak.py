@@ -54,7 +54,7 @@ def changed_frame(outputs: np.ndarray, frame_id: int) -> np.ndarray:
     other = telemetry.frame_of(frame.time_ms, frame.id, bytes([frame.data[0] ^ 1]) + frame.data[1:])
     new = data.replace(whole, telemetry.frame_bytes(other), 1)
     copy = outputs.copy()
-    used = np.arange(4) < copy["count"][:, None]
+    used = np.arange(4) < copy["tx_count"][:, None]
     bytes_ = copy["tx"].copy()
     bytes_[used] = np.frombuffer(new, np.uint8)
     copy["tx"] = bytes_
@@ -79,8 +79,8 @@ def test_each_check_finds_its_error(change: str, sentence: str, native: np.ndarr
     elif change == "telemetry":
         avr = changed_frame(native, telemetry.STATE)
     elif change == "gap":
-        at = np.flatnonzero(avr["count"] > 0)[5000]
-        avr["count"][at] = 0
+        at = np.flatnonzero(avr["tx_count"] > 0)[5000]
+        avr["tx_count"][at] = 0
     elif change == "end":
         avr = avr[:-10]
     elif change == "reset":

@@ -3,6 +3,7 @@ identified again after a stop.
 """
 
 import math
+from functools import cache
 
 from vgroove import telemetry
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
@@ -40,6 +41,7 @@ def command(name: str, **signals: float) -> bytes:
     return telemetry.frame_bytes(telemetry.frame_of_signals(name, 0, **signals))
 
 
+@cache
 def unequal_pitches_tape() -> bytes:
     """Packed board inputs, one per PWM period: CALIBRATE at rest, then two drives."""
     pulled = [

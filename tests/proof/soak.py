@@ -18,11 +18,13 @@ import numpy as np
 
 from vgroove import lockstep, telemetry
 from vgroove.board import (
-    OUTPUT_BYTES,
+    INPUT_BYTES,
+    OUTPUTS,
     default_elf,
     find_board_program,
     read_statistics,
     replay,
+    sent_bytes,
 )
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import Profile
@@ -40,9 +42,6 @@ IMPACT_MODES, DRILL_MODES = (0, 1, 2, 3, 4), (0, 5)
 LEAST_TRAVEL = 0.05  # at which the contact is closed
 LEAST_STACK_BYTES = 100
 COMMANDS = ("DUMP", "PARAM_READ", "SETPOINT")
-OUTPUTS = np.dtype(
-    [("coast", "u1"), ("compare", "<i2"), ("dead", "u1"), ("count", "u1"), ("tx", "u1", 4)]
-)
 
 
 def wrap_elf(tool: str, folder: Path) -> Path:
@@ -150,12 +149,6 @@ def native_run(scenario: Scenario, start_ms: int) -> tuple[bytes, np.ndarray]:
     return board.machine.tape, np.frombuffer(board.machine.given, OUTPUTS)
 
 
-def sent_bytes(outputs: np.ndarray) -> bytes:
-    """UART bytes of outputs (n,)."""
-    used = np.arange(4) < outputs["count"][:, None]
-    return outputs["tx"][used].tobytes()
-
-
 def frames_of(data: bytes) -> tuple[list[telemetry.Frame], telemetry.Session]:
     """Frames of a stream, and the session that counts gaps."""
     session = telemetry.Session()
@@ -170,7 +163,7 @@ def findings(native: np.ndarray, avr: np.ndarray, statistics: dict[str, Any]) ->
     if len(native) != len(avr):
         return [f"the AVR ended after {len(avr)} of {len(native)} periods"]
     open_both = (native["coast"] == 1) & (avr["coast"] == 1)
-    same = (native["compare"] == avr["compare"]) & (native["dead"] == avr["dead"])
+    same = (native["compare"] == avr["compare"]) & (native["dead_counts"] == avr["dead_counts"])
     wrong = np.flatnonzero(~open_both & ~(same & (native["coast"] == avr["coast"])))
     if len(wrong):
         found.append(f"the bridges differ from period {wrong[0]} on")
@@ -205,7 +198,7 @@ def piece(number: int, folder: Path, duration_s: float = PIECE_S) -> dict[str, A
         except VgrooveError as error:
             return {"piece": number, "findings": [str(error)]}
         statistics = read_statistics(stats)
-    assert len(tape) % (len(tape) // len(native)) == 0 and OUTPUTS.itemsize == OUTPUT_BYTES
+    assert len(tape) == INPUT_BYTES * len(native)
     return {
         "piece": number,
         "seconds": scenario.duration_s,

@@ -35,6 +35,12 @@ PROFILES = {
 class PythonLoopBoard(SilBoard):
     """The same firmware under a type for which lockstep.steps uses the loop in Python."""
 
+    periods = None
+
+
+class LookAheadBoard(SilBoard):
+    """The same firmware, given messages that are computed ahead, as a board in another process."""
+
 
 def run(board_type: type, rig: str, seed: int = 7) -> tuple[bytes, np.ndarray]:
     tool, truth = make_plant(read_rig(RIGS / f"{rig}.toml"), 1), _core.Truth(3)
@@ -51,10 +57,12 @@ def run(board_type: type, rig: str, seed: int = 7) -> tuple[bytes, np.ndarray]:
 
 
 @pytest.mark.parametrize("rig", sorted(PROFILES))
-def test_both_loops_send_the_same_bytes(rig: str) -> None:
+def test_all_loops_send_the_same_bytes(rig: str) -> None:
     slow, slow_truth = run(PythonLoopBoard, rig)
     fast, fast_truth = run(SilBoard, rig)
     assert len(slow) > 5000 and fast == slow
+    ahead, ahead_truth = run(LookAheadBoard, rig)
+    assert ahead == slow and np.array_equal(ahead_truth, slow_truth, equal_nan=True)
     assert fast_truth.shape == (round(0.6 / lockstep.PERIOD_S) // 3, len(_core.TRUTH_COLUMNS))
     assert np.array_equal(fast_truth, slow_truth, equal_nan=True)
     assert run(SilBoard, rig, seed=8)[0] != fast
@@ -131,9 +139,7 @@ def refusals_of_a_run() -> list[str]:
         _core.run_lockstep(
             board.machine,
             tool,
-            *stimuli.columns(),
-            np.full(count, -1, np.int16),
-            FRONT.scales(),
+            _core.Stimuli(*stimuli.columns(), np.full(count, -1, np.int16), FRONT.scales()),
             (True, 0, 0),
         )
     except RuntimeError as error:
