@@ -6,6 +6,7 @@ import io
 import re
 import tokenize
 from collections.abc import Collection, Iterator
+from functools import cache
 from pathlib import Path
 
 from rules import Violation
@@ -129,8 +130,14 @@ def wrong_sections(path: str, text: str, pages: dict[str, str]) -> list[Violatio
     ]
 
 
-def prose(path: str, text: str) -> Iterator[tuple[int, str]]:
+@cache
+def prose(path: str, text: str) -> tuple[tuple[int, str], ...]:
     """Line and text of what a file says to its reader: comments, docstrings, pages without code."""
+    return tuple(parts_of_prose(path, text))
+
+
+def parts_of_prose(path: str, text: str) -> Iterator[tuple[int, str]]:
+    """The parts of prose()."""
     suffix = Path(path).suffix
     if suffix == ".py":
         yield from python_prose(text)

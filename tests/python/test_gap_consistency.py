@@ -665,6 +665,8 @@ def test_far_from_the_noise_a_set_must_gain_more_than_the_form_error_of_another(
     state.reported_loss_by_column = lambda one: reported[one]
     state.is_far_from_noise = lambda one: one != near
     assert state.gains_over_form_error("best", "without") is enough
+    # a leaner set near the noise leaves no gap that could be compared
+    assert state.leaves_far_gap_of("without", "best") is (enough and near != "without")
 
 
 @pytest.mark.parametrize(
@@ -788,6 +790,7 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
         Search.is_substantial,
         Search.gains_share,
         Search.gains_over_form_error,
+        Search.leaves_far_gap_of,
         Search.closed_share,
     ):
         setattr(state, method.__name__, MethodType(method, state))

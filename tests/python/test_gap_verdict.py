@@ -1224,11 +1224,17 @@ def test_special_cases_of_a_member_do_not_count_as_effects_in_its_place() -> Non
 
 
 @pytest.mark.parametrize(
-    ("excluded", "doubtful", "named"),
-    [("a", "", "b"), ("a", "b", "a"), ("b", "", "a"), ("", "", "a")],
+    ("excluded", "doubtful", "leaves_more", "named"),
+    [
+        ("a", "", False, "b"),
+        ("a", "b", False, "a"),
+        ("a", "", True, "a"),
+        ("b", "", False, "a"),
+        ("", "", False, "a"),
+    ],
 )
 def test_a_rival_of_far_more_plausible_sizes_is_named_where_it_is_established(
-    excluded: str, doubtful: str, named: str, monkeypatch: pytest.MonkeyPatch
+    excluded: str, doubtful: str, leaves_more: bool, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two sets predict the logs equally well, for example an inertia that is 57 % too large and a
     speed sensor whose gain is 134 % off. The set whose sizes occur more often is named.
@@ -1240,5 +1246,25 @@ def test_a_rival_of_far_more_plausible_sizes_is_named_where_it_is_established(
         decision, "prior_excludes", lambda _, rival, best: rival.ids == (excluded,) != best.ids
     )
     monkeypatch.setattr(decision, "is_established", lambda _, one, __: one.ids != (doubtful,))
-    found, _ = decision.leanest_established(SimpleNamespace(search=None), sets["a"], {})
+    state = SimpleNamespace(leaves_far_gap_of=lambda *_: leaves_more)
+    found, _ = decision.leanest_established(SimpleNamespace(search=state), sets["a"], {})
     assert found.ids == (named,)
+
+
+@pytest.mark.parametrize(
+    ("rival", "leaves_more", "counts"),
+    [("c", True, False), ("c", False, True), ("ac", True, True), ("ac", False, True)],
+)
+def test_a_rival_of_fewer_effects_that_leaves_more_of_a_far_gap_does_not_count(
+    rival: str, leaves_more: bool, counts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a log of a single start no rival leaves significantly more than the established pair; one
+    of its effects alone may leave twice the gap.
+    """
+    best, other = (SimpleNamespace(ids=tuple(i)) for i in ("ab", rival))
+    state = SimpleNamespace(leaves_far_gap_of=lambda leaner, _: leaves_more and leaner is other)
+    monkeypatch.setattr(decision, "prior_excludes", lambda *_: False)
+    monkeypatch.setattr(decision, "is_established_rival", lambda *_: True)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
+    selection = SimpleNamespace(search=state, best=best, rivals=[other])
+    assert decision.established_rivals(selection, best, {}) == ([other] if counts else [])

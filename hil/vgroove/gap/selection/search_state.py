@@ -306,6 +306,13 @@ class Search:
         closed = np.maximum(alone - more, 0.0)
         return self.is_substantial(more - with_it, closed, STEPWISE.max_form_share)
 
+    def leaves_far_gap_of(self, leaner: Fit, fuller: Fit) -> bool:
+        """Whether a fit that ends far from the noise leaves more than its error of form of what
+        another one closes. A log of few events has too few blocks to show that as significant.
+        """
+        far = self.gap_problem is None and self.is_far_from_noise(leaner)
+        return far and self.gains_over_form_error(fuller, leaner)
+
     def reported_loss_by_column(self, one: Fit) -> np.ndarray:
         """Part of each column of the log in the square of reported_gap() (columns,); for searches
         without a gap_problem.

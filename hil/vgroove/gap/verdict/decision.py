@@ -157,7 +157,8 @@ def leanest_established(
 
 def is_likelier(search: Search, rival: Fit, part: Fit, covariates: Covariates) -> bool:
     """Whether a rival is established and the prior of the sizes excludes the set beside it."""
-    return prior_excludes(search, part, rival) and is_established(search, rival, covariates)
+    excluded = prior_excludes(search, part, rival) and not search.leaves_far_gap_of(rival, part)
+    return excluded and is_established(search, rival, covariates)
 
 
 def without_replaceable(
@@ -200,6 +201,7 @@ def established_rivals(selection: Selection, part: Fit, covariates: Covariates) 
         f
         for f in (selection.rivals if same else tied_rivals(search, part))
         if not prior_excludes(search, f, part)
+        and not (len(f.ids) < len(part.ids) and search.leaves_far_gap_of(f, part))
         and is_established_rival(search, f, part, covariates)
         and set(unknown_sizes(search, f)) <= set(part.ids)
     ]
