@@ -8,6 +8,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vgroove.rig import Rig
@@ -56,19 +57,11 @@ LIMITS = ResolutionLimits()
 
 
 @cache
-def _residual_projection(window: int, order: int) -> np.ndarray:
-    """Matrix (window, window) that leaves of a window's samples what a polynomial of this order,
-    fitted to them by least squares, does not contain. Each of its rows sums to 0.
-    """
-    basis = np.linalg.qr(np.vander(np.arange(window) - window // 2, order + 1))[0]
-    return np.eye(window) - basis @ basis.T
-
-
 def residual_power_share(window: int = FILTER_ROWS, order: int = FILTER_ORDER) -> float:
     """Share of the power of white noise in the residual of a Savitzky-Golay filter of this window,
     samples, and order.
     """
-    return float(_residual_projection(window, order)[window // 2, window // 2])
+    return 1.0 - float(scipy.signal.savgol_coeffs(window, order)[window // 2])
 
 
 def high_frequency_sigma(values: np.ndarray) -> float:
@@ -122,18 +115,8 @@ def command_noise_sigma(values: np.ndarray) -> float:
 def high_pass_residual(
     values: np.ndarray, window: int = FILTER_ROWS, order: int = FILTER_ORDER
 ) -> np.ndarray:
-    """Difference (n,) of a column and its Savitzky-Golay filter: noise and rounding. The first and
-    the last window's polynomials hold to the ends. A column that repeats one value leaves exactly
-    0; one shorter than the window raises ValueError.
-    """
-    projection, half = _residual_projection(window, order), window // 2
-    middle = values[half : len(values) - half]
-    inner = sum(
-        share * (values[place : place + len(middle)] - middle)
-        for place, share in enumerate(projection[half])
-    )
-    first, last = (projection @ (ends - ends[half]) for ends in (values[:window], values[-window:]))
-    return np.concatenate([first[:half], inner, last[half + 1 :]])
+    """Difference (n,) of a column and its Savitzky-Golay filter: noise and rounding."""
+    return values - scipy.signal.savgol_filter(values, window, order)
 
 
 def divided_differences(
