@@ -10,6 +10,7 @@
 #include <limits>
 #include <stdexcept>
 #include <tuple>
+#include <utility>
 
 #include "bindings.hpp"
 
@@ -226,9 +227,10 @@ void bind_lockstep(nb::module_ &m) {
                PeriodColumn<std::int64_t> switches, PeriodColumn<double> load_nm,
                PeriodColumn<double> current_counts, PeriodColumn<double> supply_counts,
                PeriodColumn<bool> broken, PeriodColumn<std::int16_t> received, const Front &front) {
-                new (self) Stimuli{trigger,       switches, load_nm,  current_counts,
-                                   supply_counts, broken,   received, front};
-                self->inputs();
+                Stimuli stimuli{trigger,       switches, load_nm,  current_counts,
+                                supply_counts, broken,   received, front};
+                stimuli.inputs();
+                new (self) Stimuli(std::move(stimuli));
             },
             "trigger"_a, "switches"_a, "load_nm"_a, "current_counts"_a, "supply_counts"_a,
             "broken"_a, "received"_a, "front"_a,

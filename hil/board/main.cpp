@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -34,7 +35,9 @@ constexpr const char *USAGE =
     "--pty: instead of that, at the pace of the wall clock, with the UART on a pseudo-terminal, "
     "whose name is\nprinted on stdout, until SIGTERM.\n"
     "--stretches: requests of several periods, a 16-bit count and the messages; the answer, in the "
-    "same form,\nends with the first period after which the bridge has another command.\n"
+    "same form,\nends with the request, or with the first period after which the bridge has "
+    "another "
+    "command.\n"
     "--boot-r2: a boot loader has cleared MCUSR and left this value in register r2.\n";
 
 std::uint8_t reset_cause(const std::string &name) {
@@ -110,6 +113,9 @@ board::Options parse(int count, char **arguments) {
         } else {
             throw BoardError(argument + " needs a value");
         }
+    }
+    if (options.pty && options.stretches) {
+        throw BoardError("--pty and --stretches exclude each other");
     }
     if (options.elf.empty()) {
         throw BoardError("no ELF file given");
@@ -252,6 +258,7 @@ int run(const board::Options &options, int stream) {
 }  // namespace
 
 int main(int count, char **arguments) {
+    std::signal(SIGPIPE, SIG_IGN);  // a reader that ends early is the end of the run, see finish()
     const int stream = take_stdout();
     board::Options options;
     try {

@@ -48,9 +48,8 @@ OUTPUTS = np.dtype(
     ]
 )
 INPUT_BYTES, OUTPUT_BYTES = _INPUTS.size, _OUTPUTS.size
-# most periods of one call of AvrBoard.periods: the answer to them is written and read in one piece
-PERIODS_MAX = 256
-_COUNT = struct.Struct("<H")
+_COUNT = struct.Struct("<H")  # of the messages in a request or an answer
+PERIODS_MAX = 0xFFFF
 _NO_EDGES = (0,) * EDGES_MAX
 
 
@@ -168,7 +167,7 @@ def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
 
 
 class AvrBoard:
-    """The ELF on a simulated ATmega, a period at a time; a context manager.
+    """The ELF on a simulated ATmega, one or several periods at a time; a context manager.
 
     Options are those of vgroove-board (docs/bench.md): eeprom (image file, read and written), stats
     (file), seed, cut, brown_out, least_dead, reset_cause, boot_r2. Raises VgrooveError when
@@ -205,17 +204,26 @@ class AvrBoard:
         end with the first that changes the command of the bridge: the tool's measurements in later
         periods, and so their inputs, depend on it.
         """
-        count = len(messages) // INPUT_BYTES
-        if not 0 < count <= PERIODS_MAX:
-            raise ValueError(f"periods: 1 to {PERIODS_MAX} messages, not {count}")
+        count, rest = divmod(len(messages), INPUT_BYTES)
+        if rest or not 0 < count <= PERIODS_MAX:
+            raise ValueError(
+                f"periods: 1 to {PERIODS_MAX} whole messages, not {count} and {rest} bytes"
+            )
         try:
             os.write(self._to_board_fd, _COUNT.pack(count) + messages)
-            answer = os.read(self._from_board_fd, _COUNT.size + count * OUTPUT_BYTES)
         except BrokenPipeError:
             raise self._failure() from None
-        if not answer:
-            raise self._failure()
-        return answer[_COUNT.size :]
+        (answered,) = _COUNT.unpack(self._read(_COUNT.size))
+        return self._read(answered * OUTPUT_BYTES)
+
+    def _read(self, size: int) -> bytes:
+        data = b""
+        while len(data) < size:
+            part = os.read(self._from_board_fd, size - len(data))
+            if not part:
+                raise self._failure()
+            data += part
+        return data
 
     def _failure(self) -> VgrooveError:
         self._process.wait()

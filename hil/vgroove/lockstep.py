@@ -303,7 +303,10 @@ RunChunk = Callable[[_Run, StimulusChunk, Progress], None]
 
 
 def _chunk_loop(board: Board, tool: Tool) -> RunChunk:
-    """The fastest loop for this board and tool; all of them give the same bytes."""
+    """The fastest loop for this board and tool; all of them give the same bytes. A board that has
+    periods() (AvrBoard) may be asked for several periods at once; one that changes what period()
+    does must change periods() too.
+    """
     from vgroove import _core
 
     if type(tool) not in (_core.DrivePlant, _core.ImpactPlant, _core.DrillPlant):

@@ -138,8 +138,7 @@ DrillRealTime::DrillRealTime(const DrillParameters &p, double step_s) {
 
 DrillRealTime::~DrillRealTime() = default;
 DrillRealTime::DrillRealTime(const DrillRealTime &other)
-    : marks(other.marks),
-      body_(std::make_unique<Body>(*other.body_)) {}
+    : body_(std::make_unique<Body>(*other.body_)) {}
 const DrillSystem &DrillRealTime::system() const {
     return body_->s;
 }

@@ -2,11 +2,21 @@
 functions that simavr alone does not have.
 """
 
+import struct
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from vgroove.board import AvrBoard, BoardInputs, BoardOutputs, read_statistics
+from vgroove.board import (
+    OUTPUT_BYTES,
+    AvrBoard,
+    BoardInputs,
+    BoardOutputs,
+    find_board_program,
+    pack_inputs,
+    read_statistics,
+)
 from vgroove.errors import VgrooveError
 
 MCUS = ("atmega328p", "atmega2560")
@@ -214,3 +224,25 @@ def test_missing_elf_and_wrong_microcontroller_have_messages(
         pytest.raises(VgrooveError, match="supports atmega328p and atmega2560"),
     ):
         board.period(BoardInputs(ADC))
+
+
+def test_a_reader_that_ends_before_the_answer_loses_no_statistics(
+    probe_elfs: dict[str, Path], tmp_path: Path
+) -> None:
+    stats, count = tmp_path / "stats.json", 20_000
+    command = [find_board_program(), probe_elfs["atmega328p"], "--stretches", "--stats", stats]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        process.stdout.close()
+        process.stdin.write(struct.pack("<H", count) + count * pack_inputs(BoardInputs(ADC)))
+        process.stdin.close()
+        assert process.wait() == 0
+    assert read_statistics(stats)["periods"] == count
+
+
+def test_only_whole_messages_are_sent(probe_elfs: dict[str, Path], mcu: str) -> None:
+    message = pack_inputs(BoardInputs(ADC))
+    with AvrBoard(probe_elfs[mcu], mcu=mcu) as board:
+        for wrong in (b"", message[:-1], message + b"x"):
+            with pytest.raises(ValueError, match="whole messages"):
+                board.periods(wrong)
+        assert len(board.periods(3 * message)) % OUTPUT_BYTES == 0

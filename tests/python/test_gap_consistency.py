@@ -665,8 +665,9 @@ def test_far_from_the_noise_a_set_must_gain_more_than_the_form_error_of_another(
     state.reported_loss_by_column = lambda one: reported[one]
     state.is_far_from_noise = lambda one: one != near
     assert state.gains_over_form_error("best", "without") is enough
-    # a leaner set near the noise leaves no gap that could be compared
-    assert state.leaves_far_gap_of("without", "best") is (enough and near != "without")
+    # here the sizes decide also where the better set ends near the noise
+    assert state.leaves_far_gap_of("without", "best") is (enough and not near)
+    assert not state.leaves_far_gap_of("best", "without")
 
 
 @pytest.mark.parametrize(
@@ -791,6 +792,8 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
         Search.gains_share,
         Search.gains_over_form_error,
         Search.leaves_far_gap_of,
+        Search._gained_and_closed,
+        Search._exceeds_form_error,
         Search.closed_share,
     ):
         setattr(state, method.__name__, MethodType(method, state))
