@@ -76,9 +76,10 @@ vgroove::PeriodResult lockstep_tool_period(Tool &tool, const LockstepGates &gate
                        lockstep_dead(gates), load_nm);
 }
 
-// Messages to the board for up to `count` periods from period `from` on, as long as the gates stay
-// as they are. The tool itself does not move. A period that the tool cannot compute ends the
-// messages; if it is the first, its exception is passed on.
+// Messages to the board for `count` periods from period `from` of the chunk on, fewer at its end,
+// if the gates stay as they are. A copy of the tool is advanced, the tool itself stays where it is.
+// A period that the tool cannot compute ends the messages; if it is the first, its exception is
+// passed on.
 template <class Tool>
 std::vector<SimInputs> lockstep_ahead(const Tool &tool, const LockstepInputs &in,
                                       const LockstepGates &gates, std::size_t from,

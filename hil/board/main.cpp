@@ -158,8 +158,9 @@ bool same_gates(const SimOutputs &a, const SimOutputs &b) {
     return a.coast == b.coast && a.compare == b.compare && a.dead_counts == b.dead_counts;
 }
 
-// Runs the periods of a request until the bridge gets another command than `gates`; returns false
-// when the run has ended.
+// Simulates the periods of a request up to the first one after which the bridge has another command
+// than that in `gates`, which is then replaced, and appends their outputs to `answer`. Returns
+// false when the run has ended: the power is cut.
 bool run_stretch(board::Bench &bench, const std::vector<SimInputs> &request, SimOutputs &gates,
                  std::vector<SimOutputs> &answer) {
     for (const SimInputs &inputs : request) {
@@ -176,7 +177,7 @@ bool run_stretch(board::Bench &bench, const std::vector<SimInputs> &request, Sim
     return true;
 }
 
-// An answer in one piece, as its reader expects it
+// Writes the number of outputs and the outputs in one call; nothing for an empty answer.
 bool write_answer(int stream, const std::vector<SimOutputs> &answer) {
     const auto count = static_cast<std::uint16_t>(answer.size());
     std::vector<char> message(sizeof count + answer.size() * sizeof(SimOutputs));

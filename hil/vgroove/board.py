@@ -88,13 +88,20 @@ def pack_inputs(inputs: BoardInputs) -> bytes:
     return _INPUTS.pack(*adc_counts, *padded, count, switches, len(rx), rx)
 
 
+def is_sent(outputs: np.ndarray) -> np.ndarray:
+    """Which places of `tx` (n, BYTES_MAX) hold a byte that a board sent; outputs: (n,) of
+    OUTPUTS.
+    """
+    return np.arange(BYTES_MAX) < outputs["tx_count"][:, None]
+
+
 def sent_bytes(outputs: np.ndarray) -> bytes:
     """The bytes that a board sent; outputs: (n,) of OUTPUTS."""
-    return outputs["tx"][np.arange(BYTES_MAX) < outputs["tx_count"][:, None]].tobytes()
+    return outputs["tx"][is_sent(outputs)].tobytes()
 
 
 def unpack_answer(messages: bytes) -> list[BoardOutputs]:
-    """A board's outputs in successive periods, OUTPUT_BYTES each."""
+    """Outputs in successive periods, from a board's answer of OUTPUT_BYTES for each of them."""
     return [
         BoardOutputs(coast != 0, compare, dead_counts, tx[:count])
         for coast, compare, dead_counts, count, tx in _OUTPUTS.iter_unpack(messages)
@@ -167,7 +174,7 @@ def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
 
 
 class AvrBoard:
-    """The ELF on a simulated ATmega, one or several periods at a time; a context manager.
+    """Runs an ELF on a simulated ATmega, one or several PWM periods a call; a context manager.
 
     Options are those of vgroove-board (docs/bench.md): eeprom (image file, read and written), stats
     (file), seed, cut, brown_out, least_dead, reset_cause, boot_r2. Raises VgrooveError when

@@ -13,7 +13,6 @@ import numpy as np
 
 from vgroove.board import (
     BUS,
-    BYTES_MAX,
     CPU_HZ,
     CURRENT,
     INPUTS,
@@ -24,6 +23,7 @@ from vgroove.board import (
     TRIGGER,
     BoardInputs,
     BoardOutputs,
+    is_sent,
     pack_inputs,
     unpack_outputs,
 )
@@ -105,9 +105,10 @@ def _trigger_stuck(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
 
 
 def _contact_bounce(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
-    flips = np.random.default_rng(state.seed).integers(2, size=BOUNCE_PERIODS)
     bounces = since < BOUNCE_PERIODS
-    inputs["switches"][bounces] ^= (flips[since[bounces]] * SWITCH_CONTACT).astype(np.uint8)
+    if bounces.any():
+        flips = np.random.default_rng(state.seed).integers(2, size=BOUNCE_PERIODS)
+        inputs["switches"][bounces] ^= (flips[since[bounces]] * SWITCH_CONTACT).astype(np.uint8)
 
 
 def _pot_open(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
@@ -130,7 +131,7 @@ def _line_errors(inputs: np.ndarray, since: np.ndarray, state: State) -> None:
 
 @cache
 def _parameter_command() -> bytes:
-    """The command that saves a parameter."""
+    """The bytes of a frame PARAM_WRITE, which makes the board save a parameter."""
     from vgroove import telemetry
 
     values = {"write_index": SAVED_INDEX, "write_value": SAVED_VALUE, "write_sequence": 1}
@@ -283,7 +284,7 @@ class FaultyBoard:
 
     def _change_outputs(self, outputs: np.ndarray) -> None:
         if self.injection.fault.damages_line:
-            sent = np.arange(BYTES_MAX) < outputs["tx_count"][:, None]
+            sent = is_sent(outputs)
             outputs["tx"][sent] = _bit_errors(outputs["tx"][sent], self._rng)
         if self.injection.fault.opens_bridge:
             outputs["coast"], outputs["compare"], outputs["dead_counts"] = 1, 0, 0

@@ -129,7 +129,7 @@ class StimulusChunk:
     broken: np.ndarray
 
     def columns(self) -> tuple[np.ndarray, ...]:
-        """In the order of _core.Stimuli."""
+        """The columns in the order in which _core.Stimuli takes them."""
         return (
             self.trigger,
             self.switches,

@@ -7,12 +7,12 @@
 // Equation of motion: x' = A x + n, with x = (i, w), A the Jacobian at the start of the step, and n
 // the nonlinear rest (the remainder). Over a step of length h, n is approximated by the quadratic
 // polynomial c0 + c1 s + c2 s^2 of s = t / h; then, with Z = h A, the solution is exact:
-// x(h) = e^Z x(0) + h (phi1(Z) c0 + phi2(Z) c1 + 2 phi3(Z) c2). The integrals of x (angle, charge)
-// follow in the same way from phi1 to phi4. The polynomial is interpolated from n at the start, the
-// middle and the end. At the latter two n depends on the solution: it is computed from a first
-// guess and corrected twice (collocation: Hochbruck and Ostermann, Exponential integrators, Acta
-// Numerica 19, 2010). The difference of n and polynomial at a quarter of the step estimates the
-// error.
+// x(h) = e^Z x(0) + h (phi1(Z) c0 + phi2(Z) c1 + 2 phi3(Z) c2), and the integral of x (charge and
+// angle) is h (phi1(Z) x(0) + h (phi2(Z) c0 + phi3(Z) c1 + 2 phi4(Z) c2)). The polynomial equals n
+// at the start, the middle and the end of the step. At the latter two n depends on the solution: it
+// is computed from a first guess and corrected twice (collocation: Hochbruck and Ostermann,
+// Exponential integrators, Acta Numerica 19, 2010). The error is estimated from the difference
+// between n and the polynomial at a quarter of the step.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_EXPONENTIAL_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_EXPONENTIAL_STEP_HPP
 
@@ -82,9 +82,9 @@ template <class V> VGROOVE_INLINE Propagators<V> propagators(const MotorMatrix<V
     return p;
 }
 
-// State after a part p of a step of length h that begins in state y. Current, speed, angle and the
-// integral of the current are computed, the other states are those of y. n: polynomial of the
-// remainder over the whole step
+// State after the part p of a step that begins in state y and has the length h. Current, speed,
+// angle and the integral of the current are computed; the other states are copied from y. n:
+// coefficients of the polynomial that approximates the remainder over the whole step
 template <class V, int N>
 VGROOVE_INLINE State<V, N> motor_moved(const Propagator<V> &p, V h, const State<V, N> &y,
                                        const Remainder<V> &n) {
@@ -116,7 +116,8 @@ VGROOVE_INLINE MotorPair<V> remainder_of(const MotorMatrix<V> &jacobian, const S
     return {slope.x[STATE_CURRENT] - ax.i, slope.x[STATE_SPEED] - ax.w};
 }
 
-// Quadratic interpolation of the remainder from its values at the start, middle and end of a step
+// Coefficients of the quadratic polynomial that equals the remainder at the start, in the middle
+// and at the end of a step
 template <class V>
 VGROOVE_INLINE Remainder<V> remainder_through(const MotorPair<V> &start, const MotorPair<V> &middle,
                                               const MotorPair<V> &end) {

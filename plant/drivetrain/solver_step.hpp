@@ -78,8 +78,9 @@ VGROOVE_INLINE Trial<V, N> solver_try_exponential(const Solver<V, N> &self, cons
 
 enum class StepMethod { EXPLICIT, ROSENBROCK, EXPONENTIAL };
 
-// Method for a step of length h of one lane; the limits are in stiff_step.hpp. rate: its fastest
-// rate of decay, 1/s. oscillates: angular frequency of cogging and gear eccentricity, 1/s
+// Integration method for a step of length h, s, in one lane; its limits are in stiff_step.hpp.
+// rate: the fastest rate at which a state of this lane decays, 1/s; oscillates: angular frequency
+// of cogging and gear eccentricity, rad/s
 template <class V, int N>
 VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, double oscillates,
                                         double h, int lane) {
@@ -92,7 +93,7 @@ VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, d
                                                                        : StepMethod::EXPLICIT;
 }
 
-// Replaces the trial in `all` by that in `one`, in the lanes whose method is `its`.
+// Copies the trial step `one` into `all`, in the lanes whose integration method is `its`.
 template <class V, int N>
 VGROOVE_INLINE void solver_take(Trial<V, N> &all, const Trial<V, N> &one, const StepMethod *method,
                                 StepMethod its) {

@@ -3,8 +3,9 @@
 //
 // Method: the Rosenbrock method ROS34PW2 (numeric/rosenbrock.hpp). Of the Jacobian it uses the
 // block of current and speed (2 x 2), so that each stage solves two equations for two unknowns, and
-// the rows of the filters, which follow one of the two. Without the off-diagonal elements the steps
-// would have to be several times shorter once the current follows the speed, or a filter its input.
+// the rows of the filters, each of which follows one of the two. If it left out the off-diagonal
+// elements, it would need several times shorter steps where the current depends mainly on the speed
+// (the winding has settled), or a filter's state on the filter's input.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 
@@ -15,7 +16,8 @@ namespace vgroove {
 
 // Limits between the methods, for the fastest rate r at which a state decays, 1/s:
 // STIFF_STEP: r times the step. Below it the step is explicit.
-// STIFF_STRETCH: r times the stretch that is simulated with one command. Above it ROS34PW2 is used.
+// STIFF_STRETCH: r times the time for which one command is simulated, such as a row of a log. Above
+// it ROS34PW2 is used.
 // Instead of it, exponential steps (exponential_step.hpp) are used where the winding is linear:
 // EXPONENTIAL_RATIO: r over the angular frequency of cogging and eccentricity. Below it the step is
 // explicit, because an exponential one must be as short and costs more.

@@ -4,16 +4,19 @@ equality test of processor-in-the-loop practice).
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from builds import BUILDS, RUNS
 from command_load import command_load_tape
 from dead_time import DEAD_COUNTS, dead_time_tape
 from equality import Difference, bridge_differences, damaged, differences, periods_of, sent_bytes
 from exercise import DURATION_S, record_tape
-from impact import acted, impact_tape, random_tape
+from impact import PULLS, acted, impact_tape, random_tape
 from unequal_pitches import unequal_pitches_tape
 
-from vgroove import board, sil, telemetry
+from vgroove import _core, board, lockstep, sil, telemetry
+from vgroove.board import AvrBoard, BoardInputs, BoardOutputs
+from vgroove.control_bench.runs import front_ends, make_tool, reference
 from vgroove.log import log_from_stream
 
 TARGETS = {name: (build.mcu, build.target) for name, build in BUILDS.items()}
@@ -162,3 +165,30 @@ def test_differences_name_field_and_time(native: bytes) -> None:
     assert [(difference.field, difference.time_ms) for difference in found] == [
         ("current_a", other.time_ms)
     ]
+
+
+class OnePeriodACall:
+    """A board that can only be asked for one period at a time."""
+
+    def __init__(self, avr: AvrBoard) -> None:
+        self._avr = avr
+
+    def period(self, inputs: BoardInputs) -> BoardOutputs:
+        """The board's PWM period."""
+        return self._avr.period(inputs)
+
+
+def test_several_periods_a_call_give_the_bytes_of_one_a_call(uno_elf: Path) -> None:
+    found = []
+    for kind in (lambda avr: avr, OnePeriodACall):
+        truth = _core.Truth(1)
+        options = lockstep.LockstepOptions(front=front_ends(), seed=3, truth=truth)
+        with AvrBoard(uno_elf, seed=3) as avr:
+            tool = make_tool(reference("hard_joint", {}), 3)
+            found.append((lockstep.run(kind(avr), tool, PULLS, 0.7, options), truth.rows))
+    (several, several_rows), (one, one_rows) = found
+    assert len(one) > 5000 and several == one
+    assert np.nanmax(one_rows[:, list(_core.TRUTH_COLUMNS).index("duty")]) > 0.9, (
+        "it does not drive"
+    )
+    assert np.array_equal(several_rows, one_rows, equal_nan=True)

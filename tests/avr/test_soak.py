@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from vgroove import telemetry
+from vgroove.board import is_sent
 from vgroove.log import log_from_stream
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,7 +55,7 @@ def changed_frame(outputs: np.ndarray, frame_id: int) -> np.ndarray:
     other = telemetry.frame_of(frame.time_ms, frame.id, bytes([frame.data[0] ^ 1]) + frame.data[1:])
     new = data.replace(whole, telemetry.frame_bytes(other), 1)
     copy = outputs.copy()
-    used = np.arange(4) < copy["tx_count"][:, None]
+    used = is_sent(copy)
     bytes_ = copy["tx"].copy()
     bytes_[used] = np.frombuffer(new, np.uint8)
     copy["tx"] = bytes_

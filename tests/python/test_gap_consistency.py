@@ -663,6 +663,7 @@ def test_far_from_the_noise_a_set_must_gain_more_than_the_form_error_of_another(
         "without": best + np.array(gains),
     }
     state.reported_loss_by_column = lambda one: reported[one]
+    state.reported_gap = lambda one: float(np.sqrt(reported[one].sum()))
     state.is_far_from_noise = lambda one: one != near
     assert state.gains_over_form_error("best", "without") is enough
     # here the sizes decide also where the better set ends near the noise
@@ -792,8 +793,7 @@ def gains_state(best: np.ndarray, gains: np.ndarray) -> SimpleNamespace:
         Search.gains_share,
         Search.gains_over_form_error,
         Search.leaves_far_gap_of,
-        Search._gained_and_closed,
-        Search._exceeds_form_error,
+        Search._gain_exceeds_form_error,
         Search.closed_share,
     ):
         setattr(state, method.__name__, MethodType(method, state))

@@ -300,29 +300,23 @@ class Search:
         """
         if self.gap_problem is not None or not all(map(self.is_far_from_noise, (fuller, leaner))):
             return True
-        return self._exceeds_form_error(*self._gained_and_closed(fuller, leaner))
+        return self._gain_exceeds_form_error(fuller, leaner)
 
     def leaves_far_gap_of(self, leaner: Fit, fuller: Fit) -> bool:
         """Whether a fit that ends far from the noise leaves more than another one, by more than the
         error of form of what it closes itself. A log of few events has too few blocks to show that
         as significant.
         """
-        if self.gap_problem is not None or not self.is_far_from_noise(leaner):
-            return False
-        gained, closed = self._gained_and_closed(fuller, leaner)
-        return np.sum(gained) > 0.0 and self._exceeds_form_error(gained, closed)
+        far = self.gap_problem is None and self.is_far_from_noise(leaner)
+        leaves_more = far and self.reported_gap(leaner) > self.reported_gap(fuller)
+        return leaves_more and self._gain_exceeds_form_error(fuller, leaner)
 
-    def _gained_and_closed(self, fuller: Fit, leaner: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """What a fit gains over a leaner one, and what that one closes, in each column (columns,)
-        of the square of reported_gap().
-        """
+    def _gain_exceeds_form_error(self, fuller: Fit, leaner: Fit) -> bool:
         with_it, more, alone = (
             self.reported_loss_by_column(f) for f in (fuller, leaner, self.retuned)
         )
-        return more - with_it, np.maximum(alone - more, 0.0)
-
-    def _exceeds_form_error(self, gained: np.ndarray, closed: np.ndarray) -> bool:
-        return self.is_substantial(gained, closed, STEPWISE.max_form_share)
+        closed = np.maximum(alone - more, 0.0)
+        return self.is_substantial(more - with_it, closed, STEPWISE.max_form_share)
 
     def reported_loss_by_column(self, one: Fit) -> np.ndarray:
         """Part of each column of the log in the square of reported_gap() (columns,); for searches
