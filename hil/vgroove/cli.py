@@ -20,6 +20,7 @@ from vgroove.firmware_replay.command import app as firmware_app
 from vgroove.gap.batch_command import FailAbove, JunitPath
 from vgroove.gap.batch_command import app as batch_app
 from vgroove.gap_bench.command import app as blind_set_app
+from vgroove.python_can import import_without_asammdf
 from vgroove.signals import Terminated
 from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning, result_console
@@ -668,6 +669,7 @@ def main() -> None:
     cannot be written, with a sentence on stderr; 1 where the reader of standard output has closed
     it; 130 after Ctrl-C; 128 + N where signal N ended a run.
     """
+    import_without_asammdf()
     try:
         app()
     except VgrooveError as error:

@@ -49,9 +49,10 @@ template <class V, int N> struct Group {
     Cancellation *cancellation;
 };
 
-template <class V>
-VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row,
+template <class V, int N>
+VGROOVE_INLINE void drive_command(Solver<V, N> &s, const LogInput &in, int lane, std::size_t row,
                                   double from, double scale) {
+    Drive<V> &d = s.drive;
     const double start = in.command_start[row], end = in.command_end[row];
     double rate = 0.0;
     if (start != end)
@@ -60,29 +61,55 @@ VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std
     set(d.command_rate, lane, rate * scale);
     set(d.open, lane, in.open.empty() ? 0.0 : in.open[row]);
     const bool switches = log_input_switches(start, end) && !(get(d.open, lane) > 0.0);
-    set(d.dead, lane, switches ? 1.0 : 0.0);
+    set(d.dead, lane, switches ? get(s.model.bridge.dead_share, lane) : 0.0);
+}
+
+// Present instant on the clock of a shifted command column
+inline double command_instant(const Cursor &c, const LogInput &in) {
+    return in.time_s[0] + (c.now_s - c.delay_s) * c.command_scale;
+}
+
+// Moves a cursor to the row of the command column that is in force after the instant `at`.
+inline void advance_command_row(Cursor &c, const LogInput &in, double at) {
+    const std::size_t last = in.time_s.size() - 1;
+    while (c.command_row < last &&
+           in.time_s[c.command_row] - at <=
+               SAME_INSTANT * (in.time_s[c.command_row + 1] - in.time_s[c.command_row]))
+        ++c.command_row;
+}
+
+// Command of row `row` of a shifted column at the instant `at`; at its end later than that.
+template <class V, int N>
+VGROOVE_INLINE void shifted_command(Solver<V, N> &s, const LogInput &in, int lane, std::size_t row,
+                                    double at, double scale) {
+    const double begin = in.time_s[row > 0 ? row - 1 : 0];
+    drive_command(s, in, lane, row, std::min(at, in.time_s[row]) - begin, scale);
 }
 
 // Sets the stretch of a shifted command column that is in force; returns its length in true time.
 template <class V, int N>
 VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int lane) {
     Cursor &c = g.cursor[lane];
-    const double at = in.time_s[0] + (c.now_s - c.delay_s) * c.command_scale;
-    const std::size_t last = in.time_s.size() - 1;
-    while (c.command_row < last &&
-           in.time_s[c.command_row] - at <=
-               SAME_INSTANT * (in.time_s[c.command_row + 1] - in.time_s[c.command_row]))
-        ++c.command_row;
-    const std::size_t row = c.command_row;
-    const double left = (in.time_s[row] - at) / c.command_scale;
-    const double length = left > 0.0 && left < c.row_remaining_s ? left : c.row_remaining_s;
-    const double from = row > 0 ? at - in.time_s[row - 1] : 0.0;
-    drive_command(g.solver.drive, in, lane, row,
-                  left > 0.0 ? from : in.time_s[row] - in.time_s[row > 0 ? row - 1 : 0],
-                  c.command_scale);
+    const double at = command_instant(c, in);
+    advance_command_row(c, in, at);
+    const double left = (in.time_s[c.command_row] - at) / c.command_scale;
+    shifted_command(g.solver, in, lane, c.command_row, at, c.command_scale);
     if (left <= 0.0)
         set(g.solver.drive.command_rate, lane, 0.0);
-    return length;
+    const bool ends_in_row = left > 0.0 && left < c.row_remaining_s * (1.0 - SAME_INSTANT);
+    return ends_in_row ? left : c.row_remaining_s;
+}
+
+// Sets the shifted command just before the present instant, or after it.
+template <class V, int N>
+VGROOVE_INLINE void command_at_start(Group<V, N> &g, const LogInput &in, int lane, bool before) {
+    Cursor &c = g.cursor[lane];
+    const double at = command_instant(c, in);
+    advance_command_row(c, in, at);
+    const std::size_t row = c.command_row;
+    const bool begins =
+        row > 0 && at - in.time_s[row - 1] <= SAME_INSTANT * (in.time_s[row] - in.time_s[row - 1]);
+    shifted_command(g.solver, in, lane, before && begins ? row - 1 : row, at, 0.0);
 }
 
 // Time since the row's start in seconds of the time stamps; 0 in its first stretch
@@ -109,11 +136,10 @@ VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const LogInput &in, std::size_t
     if (s.model.effects & EFFECT_COMMAND_SHIFT)
         length = shifted_stretch(g, in, lane);
     else
-        drive_command(s.drive, in, lane, row, row_elapsed_s(c, in, row), 1.0 / c.row_scale);
+        drive_command(s, in, lane, row, row_elapsed_s(c, in, row), 1.0 / c.row_scale);
     if (s.model.effects & EFFECT_LOAD_DEPENDENT_FRICTION)
         length =
             same_sign_stretch(get(s.drive.load_nm, lane), get(s.drive.load_rate, lane), length);
-    set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.bridge.dead_share, lane));
     set(s.drive.time_s, lane, c.now_s);
     c.now_s += length;
     c.row_remaining_s -= length;
@@ -135,6 +161,7 @@ template <class V, int N>
 VGROOVE_INLINE void begin_row(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
     Cursor &c = g.cursor[lane];
     Solver<V, N> &s = g.solver;
+    c.now_s = (in.time_s[row - 1] - in.time_s[0]) * c.row_scale;
     c.row_remaining_s = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
     drive_bus(g, in, row, lane);
     if (in.load_kind == LoadKind::TORQUE) {
@@ -237,8 +264,10 @@ VGROOVE_INLINE void settle_currents(Group<V, N> &g, const LogInput &in, const Lo
     const Drive<V> at_row = s.drive;
     const std::size_t next = std::min(starts.rows[which] + 1, in.time_s.size() - 1);
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
-        drive_command(s.drive, in, lane, next, 0.0, 0.0);
-        set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.bridge.dead_share, lane));
+        if (s.model.effects & EFFECT_COMMAND_SHIFT)
+            command_at_start(g, in, lane, false);
+        else
+            drive_command(s, in, lane, next, 0.0, 0.0);
         drive_bus(g, in, next, lane);
     }
     if (s.model.input == InputKind::CURRENT)
@@ -255,9 +284,12 @@ VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogSta
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         const std::size_t batch = starts.per_row ? g.batch_row[lane] * starts.rows.size() : 0;
         reset_lane(g, in, row, lane, starts.state + 3 * (batch + which), which == 0);
-        if (!(g.solver.model.effects & EFFECT_COMMAND_SHIFT))
-            drive_command(g.solver.drive, in, lane, row, 0.0, 0.0);
-        set(g.solver.drive.command, lane, in.command_end[row]);
+        if (g.solver.model.effects & EFFECT_COMMAND_SHIFT) {
+            command_at_start(g, in, lane, true);
+        } else {
+            drive_command(g.solver, in, lane, row, 0.0, 0.0);
+            set(g.solver.drive.command, lane, in.command_end[row]);
+        }
         drive_bus(g, in, row, lane);
     }
     settle_currents(g, in, starts, which);

@@ -415,7 +415,7 @@ class Scored:
     closed_far_share = search_state.Search.closed_far_share
     closes_far_gap = search_state.Search.closes_far_gap
     unwhitened = None
-    closes_established_share = search_state.Search.closes_established_share
+    closes_reported_gap = search_state.Search.closes_reported_gap
     without: frozenset[str] = frozenset()
     floor = floor_power = FLOOR
     gap_problem = None
@@ -1108,13 +1108,19 @@ def test_the_noise_of_a_column_is_known_where_the_rig_states_it_or_it_is_a_bound
 
 # A set that closes a tenth of a squared gap of 101 far from the noise leaves 91.
 @pytest.mark.parametrize(
-    ("is_bound", "after", "verdict"),
-    [(True, 92.0, "unlisted"), (True, 90.0, "partial"), (False, 92.0, "partial")],
+    ("is_bound", "before", "after", "verdict"),
+    [
+        (True, 101.0, 92.0, "unlisted"),
+        (True, 101.0, 90.0, "partial"),
+        (False, 101.0, 92.0, "partial"),
+        (False, 101.0, 101.0, "unlisted"),
+        (False, 101.0, 102.0, "unlisted"),
+    ],
 )
-def test_of_a_hammering_tool_a_set_must_close_a_tenth_of_the_reported_gap(
-    is_bound: bool, after: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+def test_a_named_set_closes_something_of_the_reported_gap_and_a_tenth_of_a_hammering_tools(
+    is_bound: bool, before: float, after: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    state, part = Scored(101.0, 101.0, after), named_gap(after, 1)
+    state, part = Scored(before, before, after), named_gap(after, 1)
     state.problem = SimpleNamespace(sigma_is_bound=is_bound, is_whitened=True)
     state.leaves_gap_in_most_draws = lambda one: True
     monkeypatch.setattr(decision, "established_set", lambda *_: part)
@@ -1125,6 +1131,11 @@ def test_of_a_hammering_tool_a_set_must_close_a_tenth_of_the_reported_gap(
     )
     found = decision.decide(selected(state, part), structure(True), {})
     assert found.verdict == verdict
+
+
+def test_the_forward_simulation_says_nothing_where_it_leaves_no_visible_gap() -> None:
+    for before, closes in ((1.1**2 - 0.01, True), (1.1**2 + 0.01, False)):
+        assert Scored(before, before, 1.3).closes_reported_gap(named_gap(1.3, 1)) is closes
 
 
 # One event: the comparison cuts it off (score 1.05), the reported gap does not.
@@ -1176,6 +1187,8 @@ def test_a_tied_special_case_is_named_in_place_of_its_general_effect(
         ("ab", {"ab": ["ax", "xa"]}, "", "ab"),
         # no other member is established without it
         ("ab", {"ab": ["ax", "ay"]}, "a", "ab"),
+        # it closes nearly all that a, far from the noise, leaves: it stays
+        ("aB", {"aB": ["ax", "ay"]}, "", "aB"),
         # both may be replaced: b, which gains less, is removed; the last member stays
         ("ab", {"ab": ["ax", "ay", "xb", "yb"], "a": ["x", "y"]}, "", "a"),
         ("a", {"a": ["x", "y", "z"]}, "", "a"),
@@ -1191,7 +1204,10 @@ def test_a_member_that_several_effects_replace_is_not_named_beside_others(
     def a_set(of: str) -> SimpleNamespace:
         return SimpleNamespace(ids=tuple(of))
 
-    state = SimpleNamespace(score=lambda one: {"a": 1.0}.get("".join(one.ids), 2.0))
+    state = SimpleNamespace(
+        score=lambda one: {"a": 1.0}.get("".join(one.ids), 2.0),
+        closes_far_gap=lambda one, without: "B" in one.ids and "B" not in without.ids,
+    )
     monkeypatch.setattr(
         decision,
         "established_rivals",

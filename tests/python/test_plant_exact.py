@@ -121,6 +121,26 @@ def test_blocks_and_single_rows_agree(seed: int) -> None:
     assert max(found.values()) < AGREEMENT, found
 
 
+@pytest.mark.parametrize("solver", ["exact", "adaptive"])
+@pytest.mark.parametrize(("rows_late", "duty"), [(0, 0.6), (1, 0.6), (2, 0.2), (5, 0.2)])
+@pytest.mark.parametrize("coasts", [False, True])
+def test_a_start_has_the_command_of_one_delay_earlier(
+    solver: str, rows_late: int, duty: float, coasts: bool
+) -> None:
+    """Duty 0.2 up to row 88, 0.6 or an open bridge from row 89 on."""
+    tool = ref.Tool(voltage=18.0, supply_ohm=0.1)
+    tool.effects["transport_delay"] = {"delay_s": rows_late * 1e-3}
+    late = np.arange(200) >= 89
+    coast = late.astype(float) if coasts else None
+    log = core.LogInput(
+        1e-3 * np.arange(1, 201), "duty", np.where(late, 0.6, 0.2), None, None, None, coast
+    )
+    state = np.array([[0.0, 0.0, 0.0], [3.0, 200.0, 0.0]])
+    out = core.simulate_log(log, theta_of(tool)[None, :], STARTS, state, 1, solver=solver)
+    current = 0.0 if coasts and duty == 0.6 else 3.0
+    assert out["supply_v"][0, 90] == pytest.approx(18.0 - 0.1 * duty * current, rel=1e-12)
+
+
 def test_free_run_is_the_textbook_exponential() -> None:
     """Coasting with viscous friction alone: w = w0 exp(-b t / J), angle = w0 J / b (1 - exp(-b t /
     J)), whatever the rows.

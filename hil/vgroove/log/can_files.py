@@ -16,6 +16,7 @@ from vgroove.log.frames import log_from_session
 from vgroove.log.mf4_channels import log_from_channels
 from vgroove.log.raw_columns import mapped
 from vgroove.log.table import Log, checked
+from vgroove.python_can import mf4_files
 
 QUARTER_HOUR_MS = 15 * 60 * 1000  # time zones differ by multiples of it
 TIME_ZONES = range(-56, 57)  # -14 h to +14 h in quarters of an hour
@@ -157,7 +158,5 @@ def _asc_offsets(text: str) -> list[int]:
 
 
 def _mf4_messages(path: Path) -> list[Any]:
-    from can.io import MF4Reader
-
-    with MF4Reader(path) as reader:
+    with mf4_files().MF4Reader(path) as reader:
         return list(reader)

@@ -544,11 +544,17 @@ class Search:
         """
         return self.is_far_from_noise(one) and self.reported_share(one) < COMPARISON.min_closed
 
-    def closes_established_share(self, one: Fit) -> bool:
-        """Whether a set closes the share of the reported gap that an established member gains. The
-        statistics of a hammering tool are one motion: there is no signal that counts alone.
+    def closes_reported_gap(self, one: Fit) -> bool:
+        """Whether a set closes as much of the reported gap as a named one must. The statistics of a
+        hammering tool are one motion, and there is no signal that counts alone: the share that an
+        established member gains. Of any other tool something, if retuning leaves a visible gap:
+        the forward simulation may be blind to an effect, but becomes no worse with it.
         """
-        return self.reported_share(one) >= COMPARISON.min_established_share
+        if self.problem.sigma_is_bound:
+            return self.reported_share(one) >= COMPARISON.min_established_share
+        before = self.reported_gap(self.retuned)
+        visible = before - self.floor >= COMPARISON.visible_gap * self.floor
+        return not visible or self.reported_gap(one) < before
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap in most bootstrap samples, so that the gap does not

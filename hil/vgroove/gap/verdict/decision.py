@@ -105,7 +105,7 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
     part = found.best
     if part.ids and is_doubtful(search, part) and is_limited_by_noise(search, part):
         part = search.retuned
-    if search.problem.sigma_is_bound and not search.closes_established_share(part):
+    if part.ids and not search.closes_reported_gap(part):
         part = search.retuned
     if not part.ids:
         return without_established(selection, remainder, covariates)
@@ -169,8 +169,8 @@ def without_replaceable(
     A member that more than DECISION.most_rivals other effects could replace is removed, that of the
     smallest gain first, and its part of the gap is reported as unexplained: the logs do not show
     which of these effects is present, or whether the member only imitates one that the catalogue
-    lacks. It stays where the set ends near the noise, and where nothing would be established
-    without it.
+    lacks. It stays where the set ends near the noise, where nearly all that the set without it
+    leaves far from the noise is closed by it, and where nothing would be established without it.
     """
     search, leaner = selection.search, part
     while leaner is not None:
@@ -178,8 +178,9 @@ def without_replaceable(
         if is_limited_by_noise(search, part):
             break
         many = [i for i in part.ids if len(replacements(i, part, rivals)) > DECISION.most_rivals]
-        tried = sorted((fit_without(search, part, i) for i in many), key=search.score)
-        rest = (without_doubtful(search, f, covariates) for f in tried if f.ids)
+        without = [fit_without(search, part, i) for i in many]
+        tried = [f for f in without if f.ids and not search.closes_far_gap(part, f)]
+        rest = (without_doubtful(search, f, covariates) for f in sorted(tried, key=search.score))
         leaner = next((f for f in rest if f.ids), None)
     return part, rivals
 
