@@ -558,6 +558,7 @@ def test_the_best_of_all_fitted_sets_whose_members_are_established_is_named(
     monkeypatch.setattr(established, "can_grow", lambda *_: False)
     monkeypatch.setattr(established, "replaces", lambda *_: True)
     monkeypatch.setattr(established, "single_sufficient", lambda _, one, __: one)
+    monkeypatch.setattr(established, "fewer_sufficient", lambda _, one, __: one)
     monkeypatch.setattr(
         established,
         "fit_without",
@@ -751,6 +752,48 @@ def test_a_single_other_effect_is_named_where_several_gain_little(
     monkeypatch.setattr(established, "is_established", lambda *_: holds)
     monkeypatch.setattr(established, "fit_set", lambda _, __, known: known)
     assert established.single_sufficient(state, both, {}).ids == named
+
+
+@pytest.mark.parametrize(
+    ("gap", "score", "count", "holds", "near", "named"),
+    [
+        (3.1, 5.9, 2, True, "", "ax"),
+        (3.1, 6.1, 2, True, "", "abc"),  # predicts far worse in the fitted comparison
+        (3.1, 5.9, 5, True, "", "abc"),  # as many parameters
+        (3.3, 5.9, 2, True, "", "abc"),  # a larger reported gap
+        (3.1, 5.9, 2, False, "", "abc"),  # not established
+        # near the noise the fitted comparison decides
+        (3.1, 5.9, 2, True, "abc", "abc"),
+        (3.1, 5.9, 2, True, "ax", "abc"),
+        # another comparison is judged, or whitened residuals
+        (3.1, 5.9, 2, True, "gap_problem", "abc"),
+        (3.1, 5.9, 2, True, "unwhitened", "abc"),
+    ],
+)
+def test_fewer_effects_that_leave_no_larger_reported_gap_are_named(
+    gap: float,
+    score: float,
+    count: int,
+    holds: bool,
+    near: str,
+    named: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def a_set(ids: str, parameters: int) -> SimpleNamespace:
+        return SimpleNamespace(ids=tuple(ids), hypothesis=SimpleNamespace(count=parameters))
+
+    pair = a_set("ax", count)
+    state = SimpleNamespace(
+        gap_problem=near if near == "gap_problem" else None,
+        unwhitened=near if near == "unwhitened" else None,
+        ranked=lambda size: [pair] if size == 2 else [],
+        score=lambda one: score if one is pair else 4.0,
+        reported_gap=lambda one: gap if one is pair else 3.2,
+        is_far_from_noise=lambda one: "".join(one.ids) != near,
+    )
+    monkeypatch.setattr(established, "fit_set", lambda _, __, known: known)
+    monkeypatch.setattr(established, "is_established", lambda *_: holds)
+    assert "".join(established.fewer_sufficient(state, a_set("abc", 5), {}).ids) == named
 
 
 def test_a_general_form_of_a_single_effect_does_not_keep_the_set_that_has_it(

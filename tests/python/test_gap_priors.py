@@ -15,6 +15,7 @@ from made_log import MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.gap import DiagnosisOptions, diagnose, stages
 from vgroove.gap.catalogue import BY_ID, CATALOGUE
+from vgroove.gap.catalogue.keys import RELATIVE
 from vgroove.gap.fitting.coordinates import WIDER, HypothesisBuilder
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate
@@ -151,7 +152,11 @@ def test_the_typical_size_of_an_effect_is_plausible(effect: object) -> None:
     size = effect.leading.size(SCALES)
     assert effect.leading.plausible(SCALES) > 0.0
     assert effect.implausibility(size, SCALES, 0.0) < 5.0
-    for other, stated in ((-size, 0.0), (2.0 * size, size), (0.0, -size)):
+    equal = ((-size, 0.0), (2.0 * size, size), (0.0, -size))
+    if effect.leading.key == RELATIVE:  # half of a value is as plausible as twice of it
+        inverse = 1.0 / (1.0 + size) - 1.0
+        equal = ((inverse, 0.0), (2.0 * size + size**2, size), (0.0, inverse))
+    for other, stated in equal:
         same = effect.implausibility(size, SCALES, 0.0)
         assert effect.implausibility(other, SCALES, stated) == pytest.approx(same)
 

@@ -7,9 +7,9 @@ pages. Standard library only: the plant's build reads the catalogue.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, log1p
 
-from .keys import ANY, Key, choice
+from .keys import ANY, RELATIVE, Key, choice
 
 UNBOUNDED = 1e6  # bound, in units of a parameter's typical size, of a number without a limit
 OFF_AT_INFINITY = inf  # neutral value of a limit or a stiffness
@@ -95,7 +95,8 @@ class Parameter:
     widest_low: a fit that ends there has found no size. plausible: of a leading
     parameter, the scale of the sizes that occur in practice, an estimate of the order of magnitude,
     and the scale of a prior with heavy tails (of a parameter that is infinite while the effect is
-    off, as a stiffness or a limit: a value that is seldom fallen short of); None: no prior.
+    off, as a stiffness or a limit: a value that is seldom fallen short of; of a factor 1 +
+    relative the logarithm counts); None: no prior.
     """
 
     name: str
@@ -292,11 +293,14 @@ class Effect:
     def implausibility(self, value: float, scales: Scales, stated: float) -> float:
         """Change of the effect's leading parameter from the value that the rig states, or from that
         with the effect off, in units of its plausible scale: values far above 1 are implausible; 0
-        without such a scale. Of a limit or a stiffness the change of the reciprocal counts.
+        without such a scale. Of a limit or a stiffness the change of the reciprocal counts, of a
+        factor that of its logarithm: half of a value is as plausible as twice of it.
         """
         if self.leading.plausible is None:
             return 0.0
         plausible = self.leading.plausible(scales)
+        if self.leading.key == RELATIVE:
+            return abs(log1p(value) - log1p(stated)) / log1p(plausible)
         if self.leading.neutral == OFF_AT_INFINITY:
             return plausible * abs(_inverse(value) - _inverse(stated))
         return abs(value - stated) / plausible

@@ -53,7 +53,8 @@ EFFECTS = (
         "inductance",
         "motor_electrical",
         "L (1 + relative)",
-        (relative(0.2, high=9.0, plausible=0.5),),
+        # an inductance is often assumed, and differs with the frequency at which it is measured
+        (relative(0.2, high=9.0, plausible=1.0),),
         needs=("voltage",),
         equations=("voltage", "command"),
         less_likely=True,

@@ -545,16 +545,22 @@ class Search:
         return self.is_far_from_noise(one) and self.reported_share(one) < COMPARISON.min_closed
 
     def closes_reported_gap(self, one: Fit) -> bool:
-        """Whether a set closes as much of the reported gap as a named one must. The statistics of a
-        hammering tool are one motion, and there is no signal that counts alone: the share that an
-        established member gains. Of any other tool something, if retuning leaves a visible gap:
-        the forward simulation may be blind to an effect, but becomes no worse with it.
+        """Whether a set closes as much of the reported gap as a named one must: the share that an
+        established member gains, over all signals or in one alone. The statistics of a hammering
+        tool are one motion, of which no signal counts alone. Where another comparison than the
+        forward simulation is judged, a visible reported gap must not become larger: the forward
+        simulation need not show the effect.
         """
         if self.problem.sigma_is_bound:
             return self.reported_share(one) >= COMPARISON.min_established_share
         before = self.reported_gap(self.retuned)
-        visible = before - self.floor >= COMPARISON.visible_gap * self.floor
-        return not visible or self.reported_gap(one) < before
+        if before - self.floor < COMPARISON.visible_gap * self.floor:
+            return True
+        if self.gap_problem is not None:
+            return self.reported_gap(one) <= before
+        left, kept = (self.reported_loss_by_column(f) for f in (self.retuned, one))
+        closed, whole = left - kept, np.maximum(left - self.sample_shares, 0.0)
+        return self.reported_gap(one) < before and self.is_substantial(closed, whole)
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap in most bootstrap samples, so that the gap does not

@@ -17,6 +17,7 @@ from vgroove.gap.selection.intervals import (
 )
 from vgroove.gap.selection.search import (
     Selection,
+    is_implausible,
     prior_excludes,
     select_whitened,
     tied_rivals,
@@ -116,8 +117,9 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
 
 def established_part(selection: Selection, covariates: Covariates) -> Established:
     """The established set of a selection, or the one in whitened residuals where it has more
-    members, or as many others that leave no larger reported gap; not where these only generalise
-    the former and gain less over it than an established member.
+    members, or as many others that do not merely generalise the former and gain less over it than
+    an established member. Neither where it leaves a larger reported gap, nor where its sizes are
+    implausible and it closes little more.
 
     A set must be established in the residuals as they are: whitened, also what is outside the
     catalogue leaves errors that one of its effects imitates with one size (an intermittent load a
@@ -134,9 +136,20 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
             best, *rivals = (unwhitened_fit(search, f) for f in (found, *rivals))
             more = len(found.ids) > len(part.ids)
             general = contains(best.ids, plain.ids) and not search.gains_share(best, plain)
-            if more or (not general and search.reported_gap(best) <= search.reported_gap(part)):
+            improves = search.reported_gap(best) <= search.reported_gap(plain)
+            unlikely = is_less_plausible(search, best, plain)
+            if improves and (more or not general) and not unlikely:
                 return Established(best, rivals, other.search)
     return Established(plain, plain_rivals, search)
+
+
+def is_less_plausible(search: Search, fuller: Fit, leaner: Fit) -> bool:
+    """Whether the sizes of a set are implausible and those of a leaner one are not, and the set
+    closes less of the reported gap in addition than an established member.
+    """
+    more = search.reported_share(fuller) - search.reported_share(leaner)
+    implausible = is_implausible(search, fuller) and not is_implausible(search, leaner)
+    return implausible and more < COMPARISON.min_established_share
 
 
 def leanest_established(
@@ -169,8 +182,8 @@ def without_replaceable(
     A member that more than DECISION.most_rivals other effects could replace is removed, that of the
     smallest gain first, and its part of the gap is reported as unexplained: the logs do not show
     which of these effects is present, or whether the member only imitates one that the catalogue
-    lacks. It stays where the set ends near the noise, where nearly all that the set without it
-    leaves far from the noise is closed by it, and where nothing would be established without it.
+    lacks. It stays where the set ends near the noise, where it closes the larger part of what the
+    set without it leaves, and where nothing would be established without it.
     """
     search, leaner = selection.search, part
     while leaner is not None:
@@ -179,10 +192,15 @@ def without_replaceable(
             break
         many = [i for i in part.ids if len(replacements(i, part, rivals)) > DECISION.most_rivals]
         without = [fit_without(search, part, i) for i in many]
-        tried = [f for f in without if f.ids and not search.closes_far_gap(part, f)]
+        tried = [f for f in without if f.ids and not closes_larger_part(search, part, f)]
         rest = (without_doubtful(search, f, covariates) for f in sorted(tried, key=search.score))
         leaner = next((f for f in rest if f.ids), None)
     return part, rivals
+
+
+def closes_larger_part(search: Search, fuller: Fit, leaner: Fit) -> bool:
+    """Whether a set closes the larger part of what a leaner one leaves."""
+    return closed_share_of_score(search, leaner, fuller) >= COMPARISON.min_gain_of_left
 
 
 def replacements(member: str, best: Fit, rivals: list[Fit]) -> set[str]:

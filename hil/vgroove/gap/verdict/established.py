@@ -5,6 +5,7 @@ its subsystem.
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 
 from vgroove.gap.catalogue import SPECIAL_CASES, contains
 from vgroove.gap.fitting.hypothesis import Fit
@@ -12,7 +13,7 @@ from vgroove.gap.selection.candidate_sets import fit_set, fit_without, ids_witho
 from vgroove.gap.selection.forward import grow, leaves_established_share
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import difference_interval
-from vgroove.gap.selection.search_state import Search, ends_at_bound, key
+from vgroove.gap.selection.search_state import COMPARISON, Search, ends_at_bound, key
 from vgroove.gap.verdict import consistency
 from vgroove.gap.verdict.consistency import LIMITS
 from vgroove.gap.verdict.covariates import Covariates
@@ -145,7 +146,8 @@ def established_set(search: Search, best: Fit, covariates: Covariates) -> Fit:
         if can_grow(search, found):
             grow(search, found)
         before, found = found, best_established(search, found, covariates, examined)
-    return with_special_cases(search, single_sufficient(search, found, covariates), covariates)
+    found = single_sufficient(search, found, covariates)
+    return with_special_cases(search, fewer_sufficient(search, found, covariates), covariates)
 
 
 def single_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit:
@@ -165,6 +167,27 @@ def single_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit
         if is_established(search, one, covariates):
             others = (f for f in members if not contains(f.ids, one.ids))
             return found if any(search.is_tied(f, one) for f in others) else one
+    return found
+
+
+def fewer_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit:
+    """The established set of the fewest effects, the best of them in the fitted comparison, that
+    has fewer parameters than `found` and leaves no larger reported gap; else `found`. Only where
+    both end far from the noise: the clip of the fitted comparison hides there how large the whole
+    gap is.
+    """
+    other = search.gap_problem is not None or search.unwhitened is not None
+    if other or not search.is_far_from_noise(found):
+        return found
+    most, left = found.hypothesis.count, search.reported_gap(found)
+    limit = COMPARISON.near_best * search.score(found)
+    for size in range(1, len(found.ids)):
+        for known in takewhile(lambda f: search.score(f) <= limit, search.ranked(size)):
+            one = fit_set(search, known.ids, known)
+            leaner = one.hypothesis.count < most and search.reported_gap(one) <= left
+            far = leaner and search.is_far_from_noise(one)
+            if far and is_established(search, one, covariates):
+                return one
     return found
 
 
