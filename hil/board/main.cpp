@@ -158,9 +158,9 @@ bool same_gates(const SimOutputs &a, const SimOutputs &b) {
     return a.coast == b.coast && a.compare == b.compare && a.dead_counts == b.dead_counts;
 }
 
-// Simulates the periods of a request up to the first one after which the bridge has another command
-// than that in `gates`, which is then replaced, and appends their outputs to `answer`. Returns
-// false when the run has ended: the power is cut.
+// Simulates the PWM periods of a request one after the other and appends their outputs to `answer`.
+// Stops after the first period whose outputs command the bridge otherwise than `gates`, and stores
+// that command in `gates`. Returns false when the run has ended: the power is cut.
 bool run_stretch(board::Bench &bench, const std::vector<SimInputs> &request, SimOutputs &gates,
                  std::vector<SimOutputs> &answer) {
     for (const SimInputs &inputs : request) {
@@ -177,7 +177,8 @@ bool run_stretch(board::Bench &bench, const std::vector<SimInputs> &request, Sim
     return true;
 }
 
-// Writes the number of outputs and the outputs in one call; nothing for an empty answer.
+// Writes an answer with a single call: the number of its periods (16 bit), then the outputs of
+// each. An answer without periods is not written.
 bool write_answer(int stream, const std::vector<SimOutputs> &answer) {
     const auto count = static_cast<std::uint16_t>(answer.size());
     std::vector<char> message(sizeof count + answer.size() * sizeof(SimOutputs));

@@ -8,7 +8,7 @@ from types import ModuleType
 
 
 class _WithoutAsammdf:
-    """Finds no asammdf while python-can is being imported."""
+    """Import hook that reports asammdf as not installed while python-can is being imported."""
 
     def find_spec(self, name: str, path: object, target: object = None) -> None:
         can = sys.modules.get("can")
@@ -17,14 +17,14 @@ class _WithoutAsammdf:
 
 
 def import_without_asammdf() -> None:
-    """Later imports of python-can in this process, of which the caller is the main program, leave
-    out asammdf.
+    """Let every later import of python-can in this process skip asammdf. For a main program alone:
+    python-can then reads and writes no MF4 files, except by the classes of mf4_files().
     """
     sys.meta_path.insert(0, _WithoutAsammdf())
 
 
 def mf4_files() -> ModuleType:
-    """can.io.mf4 with its asammdf."""
+    """The module can.io.mf4, imported again with asammdf where it was imported without."""
     from can.io import mf4
 
     return importlib.reload(mf4) if mf4.asammdf is None else mf4

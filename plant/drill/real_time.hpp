@@ -20,7 +20,7 @@ class DrillRealTime {
 public:
     DrillRealTime(const DrillParameters &p, double step_s);
     ~DrillRealTime();
-    DrillRealTime(const DrillRealTime &);  // `marks` of the copy is null: it records no events
+    DrillRealTime(const DrillRealTime &);  // the copy records no events
     void step();
     // Replaces ramp, supply and timed load of the parameters.
     void command(const DrillCommand &c);

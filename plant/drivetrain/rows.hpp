@@ -64,12 +64,15 @@ VGROOVE_INLINE void drive_command(Solver<V, N> &s, const LogInput &in, int lane,
     set(d.dead, lane, switches ? get(s.model.bridge.dead_share, lane) : 0.0);
 }
 
-// Present instant on the clock of a shifted command column
+// EFFECT_COMMAND_SHIFT: the command column is read at other times than the other columns, because
+// it acts with a delay or its time stamps come from a clock of another rate. Returns the time
+// stamp, s, in the command column whose value acts at the cursor.
 inline double command_instant(const Cursor &c, const LogInput &in) {
     return in.time_s[0] + (c.now_s - c.delay_s) * c.command_scale;
 }
 
-// Moves a cursor to the row of the command column that is in force after the instant `at`.
+// Advances the cursor to the row of the command column whose value acts just after the time `at`,
+// s, of that column.
 inline void advance_command_row(Cursor &c, const LogInput &in, double at) {
     const std::size_t last = in.time_s.size() - 1;
     while (c.command_row < last &&
@@ -78,7 +81,8 @@ inline void advance_command_row(Cursor &c, const LogInput &in, double at) {
         ++c.command_row;
 }
 
-// Command of row `row` of a shifted column at the instant `at`; at its end later than that.
+// Sets the command that row `row` of the command column has at the time `at`, s; the one at its end
+// where `at` is later.
 template <class V, int N>
 VGROOVE_INLINE void shifted_command(Solver<V, N> &s, const LogInput &in, int lane, std::size_t row,
                                     double at, double scale) {
@@ -86,7 +90,8 @@ VGROOVE_INLINE void shifted_command(Solver<V, N> &s, const LogInput &in, int lan
     drive_command(s, in, lane, row, std::min(at, in.time_s[row]) - begin, scale);
 }
 
-// Sets the stretch of a shifted command column that is in force; returns its length in true time.
+// Sets the command that acts at the cursor and returns the time, s, for which it stays in one row
+// of the command column, at most the rest of the log's present row.
 template <class V, int N>
 VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int lane) {
     Cursor &c = g.cursor[lane];
@@ -100,7 +105,7 @@ VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int la
     return ends_in_row ? left : c.row_remaining_s;
 }
 
-// Sets the shifted command just before the present instant, or after it.
+// Sets the command that acts just before the time of a start row, or just after it.
 template <class V, int N>
 VGROOVE_INLINE void command_at_start(Group<V, N> &g, const LogInput &in, int lane, bool before) {
     Cursor &c = g.cursor[lane];

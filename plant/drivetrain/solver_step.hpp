@@ -78,9 +78,9 @@ VGROOVE_INLINE Trial<V, N> solver_try_exponential(const Solver<V, N> &self, cons
 
 enum class StepMethod { EXPLICIT, ROSENBROCK, EXPONENTIAL };
 
-// Integration method for a step of length h, s, in one lane; its limits are in stiff_step.hpp.
-// rate: the fastest rate at which a state of this lane decays, 1/s; oscillates: angular frequency
-// of cogging and gear eccentricity, rad/s
+// Chooses the integration method for a step of h seconds in one lane, by the limits in
+// stiff_step.hpp. rate: the fastest rate at which a state of this lane decays, 1/s; oscillates:
+// angular frequency of cogging and gear eccentricity, rad/s
 template <class V, int N>
 VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, double oscillates,
                                         double h, int lane) {
@@ -93,7 +93,8 @@ VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, d
                                                                        : StepMethod::EXPLICIT;
 }
 
-// Copies the trial step `one` into `all`, in the lanes whose integration method is `its`.
+// In the lanes whose integration method is `its`, replaces the trial step in `all` by that in
+// `one`.
 template <class V, int N>
 VGROOVE_INLINE void solver_take(Trial<V, N> &all, const Trial<V, N> &one, const StepMethod *method,
                                 StepMethod its) {

@@ -168,7 +168,7 @@ def test_differences_name_field_and_time(native: bytes) -> None:
 
 
 class OnePeriodACall:
-    """A board that can only be asked for one period at a time."""
+    """A board without the method periods(): the lock-step loop calls it for each PWM period."""
 
     def __init__(self, avr: AvrBoard) -> None:
         self._avr = avr

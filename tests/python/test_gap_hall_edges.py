@@ -184,7 +184,7 @@ def test_edges_of_a_braked_shaft_are_located_down_to_timeout_samples() -> None:
     """
     shares = []
     for pulses, log_hz in ((2, 300), (4, 500)):
-        for decay_s in (0.03, 0.08):
+        for decay_s in (0.03, 0.05, 0.08):
             shares.append(
                 np.mean(
                     misplaced(

@@ -545,11 +545,11 @@ class Search:
         return self.is_far_from_noise(one) and self.reported_share(one) < COMPARISON.min_closed
 
     def closes_reported_gap(self, one: Fit) -> bool:
-        """Whether a set closes as much of the reported gap as a named one must: the share that an
-        established member gains, over all signals or in one alone. The statistics of a hammering
-        tool are one motion, of which no signal counts alone. Where another comparison than the
-        forward simulation is judged, a visible reported gap must not become larger: the forward
-        simulation need not show the effect.
+        """Whether a set of effects reduces the reported gap enough to be named: by at least
+        min_established_share of what retuning leaves above the noise, over all signals or in one
+        alone. The statistics of an impact tool describe one motion, so that all count together.
+        Where the sets are compared otherwise than by forward simulation, which may not show the
+        effect, the reported gap need only not grow. A gap that is not visible need not be reduced.
         """
         if self.problem.sigma_is_bound:
             return self.reported_share(one) >= COMPARISON.min_established_share

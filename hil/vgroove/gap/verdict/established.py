@@ -171,10 +171,10 @@ def single_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit
 
 
 def fewer_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit:
-    """The established set of the fewest effects, the best of them in the fitted comparison, that
-    has fewer parameters than `found` and leaves no larger reported gap; else `found`. Only where
-    both end far from the noise: the clip of the fitted comparison hides there how large the whole
-    gap is.
+    """An established set of fewer effects and fewer parameters than `found` whose reported gap is
+    not larger; `found` where there is none. Of several, one of the fewest effects is taken, and of
+    these the one with the smallest squared gap in the fitted comparison. Only where both sets end
+    far from the noise: the fitted comparison clips large errors there, the reported gap does not.
     """
     other = search.gap_problem is not None or search.unwhitened is not None
     if other or not search.is_far_from_noise(found):
@@ -182,11 +182,11 @@ def fewer_sufficient(search: Search, found: Fit, covariates: Covariates) -> Fit:
     most, left = found.hypothesis.count, search.reported_gap(found)
     limit = COMPARISON.near_best * search.score(found)
     for size in range(1, len(found.ids)):
-        for known in takewhile(lambda f: search.score(f) <= limit, search.ranked(size)):
+        near = takewhile(lambda f: search.score(f) <= limit, search.ranked(size))
+        for known in (f for f in near if f.hypothesis.count < most):
             one = fit_set(search, known.ids, known)
-            leaner = one.hypothesis.count < most and search.reported_gap(one) <= left
-            far = leaner and search.is_far_from_noise(one)
-            if far and is_established(search, one, covariates):
+            no_larger = search.is_far_from_noise(one) and search.reported_gap(one) <= left
+            if no_larger and is_established(search, one, covariates):
                 return one
     return found
 
