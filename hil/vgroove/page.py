@@ -5,13 +5,14 @@ import html
 import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
-import plotly.graph_objects as go
 import rich.table
-from plotly.offline import get_plotlyjs
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 PAGE_WIDTH = 1000  # CSS pixels
 WIDE_PANEL = 0.75  # share of the page's width from which a legend is one line at the right
@@ -140,7 +141,7 @@ class Picture:
     """A plotly figure with its title and a sentence that explains it."""
 
     title: str
-    figure: go.Figure
+    figure: "go.Figure"
     note: str = ""
 
     def height(self) -> int:
@@ -202,6 +203,8 @@ class Page:
         option displayModeBar: True, False or "hover"); `script`: the file with plotly beside the
         page, without it plotly is within the page (5 MB).
         """
+        from plotly.offline import get_plotlyjs
+
         body = [f"<h1>{html.escape(self.title)}</h1>"]
         body += [f"<p class=lead>{html.escape(self.lead)}</p>"] if self.lead else []
         body += (
@@ -246,7 +249,7 @@ class Page:
         )
 
 
-def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
+def style(figure: "go.Figure", height: int, **layout: Any) -> "go.Figure":
     """Give a figure the common style of all reports and return it: white, page width, legend above,
     a font that is legible when the page is shown at half its width.
     """
@@ -271,7 +274,7 @@ def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
     return figure
 
 
-def legend_per_panel(figure: go.Figure) -> go.Figure:
+def legend_per_panel(figure: "go.Figure") -> "go.Figure":
     """Give each panel of a styled figure a legend of its own curves, above the panel, and return
     the figure. For figures whose panels show different curves.
     """

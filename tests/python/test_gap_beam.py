@@ -2,17 +2,19 @@
 forward selection does not. A motor with a propeller on a test stand whose controller answers late.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from made_log import drive_log, rig
 from vgroove import _core
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.selection import beam
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search import select
-from vgroove.gap.selection.search_state import Search
+from vgroove.gap.selection.search_state import Search, SearchCache
 from vgroove.gap.stages import begin_search
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
@@ -87,7 +89,9 @@ def test_a_delay_beside_two_losses_is_found_in_logs_of_few_steps() -> None:
 class Blocked:
     """A search of so many blocks in which every set leaves so large a gap."""
 
-    def __init__(self, blocks: int, is_far: bool, hammers: bool, balance: bool) -> None:
+    def __init__(
+        self, blocks: int, is_far: bool = True, hammers: bool = False, balance: bool = False
+    ) -> None:
         self.blocks = SimpleNamespace(count=blocks)
         self.is_far_from_noise = lambda _: is_far
         self.problem = SimpleNamespace(sigma_is_bound=hammers)
@@ -108,20 +112,26 @@ class Blocked:
         return [SimpleNamespace(ids=())]
 
 
+FEW = beam.BEAM.max_blocks
+
+
 @pytest.mark.parametrize(
-    ("more_blocks", "is_far", "hammers", "balance", "begins"),
+    ("given", "closed_by_all", "begins"),
     [
-        (0, True, False, False, True),
-        (1, True, False, False, False),
-        (0, False, False, False, False),
-        (0, True, True, False, False),
-        (0, True, False, True, False),
+        ({}, 0.8, True),
+        ({"blocks": FEW + 1}, 1.0, False),
+        ({"is_far": False}, 1.0, False),
+        ({"hammers": True}, 1.0, False),
+        ({"balance": True}, 1.0, False),
+        ({}, 0.79, False),
     ],
 )
 def test_a_beam_search_begins_far_from_the_noise_in_few_blocks(
-    more_blocks: int, is_far: bool, hammers: bool, balance: bool, begins: bool
+    given: dict, closed_by_all: float, begins: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    state = Blocked(beam.BEAM.max_blocks + more_blocks, is_far, hammers, balance)
+    """And where all effects together close enough."""
+    state = Blocked(**{"blocks": FEW} | given)
+    monkeypatch.setattr(beam, "closed_by_all_effects", lambda *_: closed_by_all)
     best = SimpleNamespace(ids=("a",))
     assert beam.search_from_several_sets(state, best) == (state, best)
     assert state.asked is begins
@@ -134,7 +144,8 @@ def test_a_set_is_taken_where_it_closes_nearly_all_and_leaves_less(
     left: float, closed: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Otherwise the sets that the beam search has fitted are forgotten."""
-    state, best = Blocked(1, True, False, False), SimpleNamespace(ids=("a",))
+    state, best = Blocked(1), SimpleNamespace(ids=("a",))
+    monkeypatch.setattr(beam, "closed_by_all_effects", lambda *_: 1.0)
     found = SimpleNamespace(ids=("b", "c"))
 
     def fitted(search: Blocked) -> SimpleNamespace:
@@ -149,6 +160,25 @@ def test_a_set_is_taken_where_it_closes_nearly_all_and_leaves_less(
     wanted = ("rescaled", found) if taken else (state, best)
     assert beam.search_from_several_sets(state, best) == wanted
     assert (found.ids in state.fits) is taken
+
+
+@pytest.mark.parametrize(
+    ("friction_nm", "wave_a", "least", "most"), [(0.003, 0.0, 0.9, 1.01), (0.0, 0.8, 0.0, 0.5)]
+)
+def test_all_effects_together_close_a_listed_gap_and_no_oscillation(
+    friction_nm: float, wave_a: float, least: float, most: float
+) -> None:
+    """A current that oscillates at 37 Hz is no effect of the catalogue, however large the set."""
+    made = drive_log(
+        rig(effects={"coulomb_friction": {"torque_nm": friction_nm}}),
+        seconds=2.0,
+        levels=[(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)],
+    )
+    made.columns["current_a"] += wave_a * np.sin(2.0 * np.pi * 37.0 * made.time_s)
+    search = begin_search(load_problem([made], rig()), DiagnosisOptions())
+    assert least <= beam.closed_by_all_effects(search, search.retuned) <= most
+    nothing = replace(search, effects=[], cache=SearchCache())
+    assert beam.closed_by_all_effects(nothing, search.retuned) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_sets_that_fit_best_are_extended(monkeypatch: pytest.MonkeyPatch) -> None:

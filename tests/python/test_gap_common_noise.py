@@ -4,9 +4,12 @@ the noise, and takes it from the other logs.
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import savgol_filter
 
 from made_log import MadeLog, rig
-from vgroove.gap.cleaning.sensor_noise import SensorNoise, common_noise
+from vgroove.gap.cleaning.sensor_noise import SensorNoise, common_noise, savitzky_golay
 from vgroove.gap.residual.clean_log import CleanLog, clean_log, with_common_noise
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.simulate import compute_gap
@@ -34,6 +37,20 @@ def cleaned(tool: Rig, *logs: MadeLog) -> list[CleanLog]:
 
 def sigmas(name: str, *logs: CleanLog) -> list[float]:
     return [log.noise[name].sigma for log in logs]
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.floats(-1e4, 1e4), min_size=11, max_size=60),
+    st.sampled_from([(11, 3), (5, 2)]),
+    st.booleans(),
+)
+def test_the_noise_filter_is_that_of_scipy(
+    drawn: list[float], filter_: tuple[int, int], is_constant: bool
+) -> None:
+    """To the last bit, also where a column repeats its values."""
+    values = np.repeat(drawn, 5) if is_constant else np.array(drawn)
+    assert np.array_equal(savitzky_golay(values, *filter_), savgol_filter(values, *filter_))
 
 
 def test_a_log_at_rest_has_the_least_noise_that_another_one_shows() -> None:

@@ -17,6 +17,7 @@ from vgroove.gap.selection.intervals import (
     ESTIMATE,
     Estimate,
     estimate_over_long_stretches,
+    restarts_under_voltage_s,
     speed_time_constant_s,
 )
 from vgroove.log import Log
@@ -120,9 +121,9 @@ def test_a_shaft_whose_speed_decays_between_restarts_is_not_fitted_again(
     problem: Problem, engine: Engine
 ) -> None:
     one = engine.fit(engine.hypotheses(COULOMB), 1)[0]
-    damped = replace(
-        problem, rig=joint(viscous_nm_s_per_rad=trap.INERTIA / (0.9 * problem.restart_s))
-    )
+    interval_s = restarts_under_voltage_s(problem)
+    assert interval_s == 0.25
+    damped = replace(problem, rig=joint(viscous_nm_s_per_rad=trap.INERTIA / (0.9 * interval_s)))
     assert estimate_over_long_stretches(Engine(damped, SCALES, problem.rig.tolerance), one) is None
 
 

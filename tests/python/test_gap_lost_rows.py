@@ -98,7 +98,7 @@ def test_a_command_that_steps_in_every_row_is_judged_despite_missing_samples() -
     )
     speed = rows["speed_measured_rad_s"][0] * 30.0 / np.pi + 2.0 * rng.standard_normal(len(GRID))
     command = np.where(rng.uniform(size=len(GRID)) > 0.02, duty, np.nan)
-    run = prepare_run(clean_log(MadeLog(GRID, {"duty": command, "speed_rpm": speed}), tool), 0.25)
+    run = prepare_run(clean_log(MadeLog(GRID, {"duty": command, "speed_rpm": speed}), tool))
     assert len(run.channels[0].row) > 0.9 * len(GRID)
 
 
@@ -127,9 +127,7 @@ def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> N
     command[np.abs(GRID - 2.0) < 0.5 / HZ] = np.nan
     command[GRID < 0.2] = 0.9
     rows = logged(tool, GRID)
-    run = prepare_run(
-        clean_log(replace(rows, columns=rows.columns | {"duty": command}), tool), 0.25
-    )
+    run = prepare_run(clean_log(replace(rows, columns=rows.columns | {"duty": command}), tool))
     judged = run.channels[0].time_s
     after = judged[(judged > 2.0) & (judged < 2.05)]
     assert len(after) == 0 if change > 0.1 else len(after) > 10

@@ -297,9 +297,11 @@ def test_the_forward_simulation_fails_where_the_driving_column_makes_the_speed_u
     assert not forward_simulation_fails(fast, fast.problem, reference_fit(fast))
 
 
-def begin(log: MadeLog, tool: Rig, ids: tuple[str, ...] = FRICTIONS) -> Search:
+def begin(
+    log: MadeLog, tool: Rig, ids: tuple[str, ...] = FRICTIONS, restart_s: float | None = None
+) -> Search:
     """A new search for the effects `ids`, which compares the log with the forward simulation."""
-    problem = load_problem([log], tool)
+    problem = load_problem([log], tool, restart_s)
     engine = Engine(problem, effect_scales(problem), {})
     return search_state.begin(engine, [BY_ID[i] for i in ids], ONLY_FRICTIONS)
 
@@ -328,14 +330,14 @@ def test_a_wrong_inertia_is_no_failure_of_the_forward_simulation() -> None:
 
 def test_an_implausible_inertia_does_not_hide_a_failure() -> None:
     """A load that the log does not hold cancels nearly all of the current. With a heavy rotor a
-    simulation predicts the speed at the restart, whatever the current.
+    simulation predicts the speed at a restart 0.25 s before, whatever the current.
     """
     tool = tool_of("current_a")
     moving = 3.0 * (TIME_S < 0.3) + 0.5 * np.sin(np.pi * TIME_S)
     log = simulated_log(tool, moving)
     noise = 0.03 * np.random.default_rng(1).standard_normal(ROWS)
     log.columns["current_a"] = 40.0 + 20.0 * np.sin(1.4 * np.pi * TIME_S) + noise
-    search = begin(log, tool, WITH_INERTIA)
+    search = begin(log, tool, WITH_INERTIA, restart_s=0.25)
     heavy = reference_fit(search, WITH_INERTIA)
     assert forward_simulation_fails(search, search.problem, reference_fit(search))
     assert not forward_simulation_fails(search, search.problem, heavy)

@@ -20,7 +20,9 @@ MAX_PRIOR = 3.0  # sigma, of a tolerated key
 HUBER_SIGMA = 30.0  # larger residuals have less weight in a fit
 POSITION_S = 0.02  # angles are compared by their changes over this time
 BLOCK_S = 0.5  # of the block bootstrap
-RESTART_S = 0.25  # from one restart of the model's speed to the next: docs/spec/gap.md, section 5
+# from one restart of the model's speed to the next: that of docs/spec/gap.md, section 5, or less,
+# so that what is visible here is visible in the gap
+RESTART_S = 0.25
 DRAWS = 400  # of the block bootstrap
 CONFIDENCE = (0.025, 0.975)
 

@@ -122,9 +122,9 @@ def trace_picture(log: LogTraces) -> Picture:
     style(figure, 130 + 190 * rows)
     figure.update_xaxes(title_text="time in s", row=rows, col=1)
     note = (
-        f"The model restarts every {log.restart_s:g} s from measured states. Shaded: held-out"
-        " blocks, from which the figures above are computed, each predicted by a fit without it."
-        " The curves are those of the final fit."
+        f"The model restarts from measured states, every {log.restart_s:g} s or earlier. Shaded:"
+        " held-out blocks, from which the figures above are computed, each predicted by a fit"
+        " without it. The curves are those of the final fit."
     )
     title = f"{log.name}: measured, nominal and {log.after} model"
     return Picture(title, figure, note)

@@ -11,7 +11,7 @@ from rich.table import Table
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.long_logs import is_thinned
 from vgroove.gap.log_check.compared import refuse_uncompared
-from vgroove.gap.residual.loading import RESTART_S, load_problem, with_clip
+from vgroove.gap.residual.loading import load_problem, with_clip
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.log import Log
@@ -25,10 +25,11 @@ def compute_gap(
     rig: Rig,
     logs: Sequence[Any],
     options: DiagnosisOptions = AS_IS,
-    restart_s: float = RESTART_S,
+    restart_s: float | None = None,
 ) -> tuple[dict[str, Any], Problem]:
     """Gap of a rig to logs (docs/spec/gap.md, section 5) as JSON-ready figures, and the problem
-    behind them. restart_s: interval in s at which the model restarts from measured states.
+    behind them. restart_s: interval in s at which the model restarts from measured states;
+    without it that of a diagnosis.
     Residuals are clipped as the rig's table [clip] states, else as computed from this rig.
     VgrooveError, unless options.as_is, where a column compares no sample.
     """

@@ -61,7 +61,7 @@ def residual_power_share(window: int = FILTER_ROWS, order: int = FILTER_ORDER) -
     """Share of the power of white noise in the residual of a Savitzky-Golay filter of this window,
     samples, and order.
     """
-    return 1.0 - float(scipy.signal.savgol_coeffs(window, order)[window // 2])
+    return 1.0 - float(filter_coefficients(window, order)[window // 2])
 
 
 def high_frequency_sigma(values: np.ndarray) -> float:
@@ -116,7 +116,26 @@ def high_pass_residual(
     values: np.ndarray, window: int = FILTER_ROWS, order: int = FILTER_ORDER
 ) -> np.ndarray:
     """Difference (n,) of a column and its Savitzky-Golay filter: noise and rounding."""
-    return values - scipy.signal.savgol_filter(values, window, order)
+    return values - savitzky_golay(values, window, order)
+
+
+def savitzky_golay(values: np.ndarray, window: int, order: int) -> np.ndarray:
+    """Savitzky-Golay filter (n,) of a column of at least `window` samples, an odd number; as
+    scipy.signal.savgol_filter(), without the second that the import of scipy.signal takes.
+    """
+    half, rows, values = window // 2, np.arange(window), np.asarray(values, dtype=float)
+    out = scipy.ndimage.convolve1d(values, filter_coefficients(window, order), mode="constant")
+    out[:half] = np.polyval(np.polyfit(rows, values[:window], order), rows[:half])
+    out[-half:] = np.polyval(np.polyfit(rows, values[-window:], order), rows[-half:])
+    return out
+
+
+@cache
+def filter_coefficients(window: int, order: int) -> np.ndarray:
+    """Coefficients (window,) of the least-squares polynomial at the middle of the window."""
+    rows = np.arange(window // 2, -(window // 2) - 1, -1.0)
+    powers = rows ** np.arange(order + 1)[:, None]
+    return np.linalg.lstsq(powers, np.eye(order + 1)[0], rcond=None)[0]
 
 
 def divided_differences(

@@ -16,7 +16,6 @@ from vgroove.gap.cleaning.sensor_noise import (
     resolution_of,
 )
 from vgroove.gap.residual.clean_log import CleanLog
-from vgroove.gap.residual.restarts import restart_interval_s
 
 # share of the changes of a reading that have the opposite sign of the change before. A larger share
 # is a sign of noise; without noise the sign changes only where the shaft reverses
@@ -29,17 +28,15 @@ MAX_COARSE_STEPS = 4.0
 VISIBLE_BEND_SIGMAS = 4.0
 
 
-def with_angle_comparison(logs: Sequence[CleanLog], restart_s: float) -> list[CleanLog]:
-    """The cleaned logs of one tool, with CleanLog.compares_angle set. restart_s: requested time in
-    s between restarts of the model.
-    """
+def with_angle_comparison(logs: Sequence[CleanLog]) -> list[CleanLog]:
+    """The cleaned logs of one tool, with CleanLog.compares_angle set."""
     seen = [log for log in logs if log.has_values("position_rad")]
     direct = bool(seen) and _is_rounded(seen)
     if direct and logs[0].kind == "current_a":
         direct = all(
             not log.has_values("speed_rpm")
             and _hides_acceleration(log)
-            and _errs_more_than_the_input(log, restart_s)
+            and _errs_more_than_the_input(log)
             for log in seen
         )
     elif direct:
@@ -100,13 +97,13 @@ def _hides_acceleration(log: CleanLog) -> bool:
     return len(bend) > 0 and not is_visible(bend, log.noise["position_rad"].sigma)
 
 
-def _errs_more_than_the_input(log: CleanLog, restart_s: float) -> bool:
+def _errs_more_than_the_input(log: CleanLog) -> bool:
     """Whether the measured angle has a larger standard deviation than the angle that the model
     computes from the noisy current, at the end of the time between two restarts. There the noise of
     the current acts as white noise of the acceleration that is integrated twice. Its standard
     deviation is that of the rig, or else the scatter of the current column.
     """
     noise_a = log.rig.sensors.get("current_noise_a", command_noise_sigma(log.columns["current_a"]))
-    lasts_s = restart_interval_s(log.interval_s, restart_s)
-    turned_rad = acceleration_sigma(log, noise_a) * np.sqrt(log.interval_s * lasts_s**3 / 3.0)
+    per_root_s3 = acceleration_sigma(log, noise_a) * np.sqrt(log.interval_s / 3.0)
+    turned_rad = per_root_s3 * log.restart_s**1.5
     return bool(turned_rad < log.noise["position_rad"].sigma)

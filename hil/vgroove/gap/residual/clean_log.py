@@ -15,6 +15,7 @@ from vgroove.gap.cleaning.lost_rows import insert_lost_rows
 from vgroove.gap.cleaning.missing_values import has_values
 from vgroove.gap.cleaning.sensor_noise import SensorNoise, common_noise, noise_of
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
+from vgroove.gap.residual.restarts import restart_interval_s, usual_restart_s
 from vgroove.rig import Rig
 
 
@@ -22,7 +23,8 @@ from vgroove.rig import Rig
 class CleanLog:
     """Times (rows,) in s and columns (rows,), nan where a sample is missing; noise: that of each
     measured column; warnings collects sentences for the user while the log is prepared;
-    compares_angle: whether the angle of an encoder itself is compared (angle_comparison.py).
+    compares_angle: whether the angle of an encoder itself is compared (angle_comparison.py);
+    requested_restart_s: time in s between restarts of the model (None: the usual one).
     """
 
     log: Any
@@ -33,6 +35,7 @@ class CleanLog:
     source: str
     warnings: list[str]
     compares_angle: bool = False
+    requested_restart_s: float | None = None
 
     @property
     def kind(self) -> str:
@@ -54,6 +57,13 @@ class CleanLog:
         """Usual time in s between two observations of the logger where nothing is thinned."""
         return logging_interval_s(without_thinned(self.time_s, self.thinned))
 
+    @property
+    def restart_s(self) -> float:
+        """Time in s between restarts of the model."""
+        drives_speed = self.kind == "current_a" and self.has_values("speed_rpm")
+        usual_s = usual_restart_s(drives_speed, float(np.ptp(self.time_s)))
+        return restart_interval_s(self.interval_s, self.requested_restart_s or usual_s)
+
     def has_values(self, column: str) -> bool:
         """Whether a column holds any value."""
         return has_values(self.columns, column)
@@ -63,16 +73,25 @@ class CleanLog:
         self.warnings.append(f"{self.source}: {sentence}")
 
 
-def clean_log(log: Any, rig: Rig) -> CleanLog:
+def clean_log(log: Any, rig: Rig, restart_s: float | None = None) -> CleanLog:
     """A log (time_s, columns, source, warnings) without dead samples, on an even clock, with rows
-    where the logger lost some.
+    where the logger lost some. restart_s: requested time between restarts of the model.
     """
     log = remove_dead_samples(log, rig)
     log = insert_lost_rows(correct_time_stamps(log, stamp_contradictions(log, rig)), rig)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     time_s = np.asarray(log.time_s, dtype=float)
     noise = noise_of(rig, time_s, columns)
-    return CleanLog(log, rig, time_s, columns, noise, log.source, list(log.warnings))
+    return CleanLog(
+        log,
+        rig,
+        time_s,
+        columns,
+        noise,
+        log.source,
+        list(log.warnings),
+        requested_restart_s=restart_s,
+    )
 
 
 def with_common_noise(logs: Sequence[CleanLog]) -> list[CleanLog]:

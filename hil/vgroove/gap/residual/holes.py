@@ -48,7 +48,7 @@ Hole = tuple[int, int]  # the rows before and after a hole
 
 
 def find_restarts_and_holes(
-    log: CleanLog, observer: StateObserver, restart_s: float, moving: bool
+    log: CleanLog, observer: StateObserver, moving: bool
 ) -> tuple[Restarts, list[Hole]]:
     """Restarts of a log, some soon after each hole of its command, and the holes; moving: the log
     begins in motion. The thinned rows between two stretches of a reduced log are a hole.
@@ -60,12 +60,12 @@ def find_restarts_and_holes(
     steps = _steps_in_holes(log.time_s, command, slew_per_s)
     steps = [hole for hole in steps if not _is_thinned(hole, thinned)]
     resume = begin + [row for _, row in holes + steps]
-    restarts = find_restarts(observer, log.time_s, restart_s, resume, thinned)
+    restarts = find_restarts(observer, log.time_s, log.restart_s, resume, thinned)
     if _share_left_out(steps, restarts.rows, len(log.time_s)) <= HOLES.max_step_rows_share:
         holes += steps
     else:  # a command that steps in every hole: little would be left
         resume = begin + [row for _, row in holes]
-        restarts = find_restarts(observer, log.time_s, restart_s, resume, thinned)
+        restarts = find_restarts(observer, log.time_s, log.restart_s, resume, thinned)
     return restarts, holes + (_unknown_start(restarts, log.time_s) if moving else [])
 
 

@@ -21,11 +21,9 @@ from vgroove.gap.residual.clean_log import clean_log, with_common_noise
 from vgroove.gap.residual.impact.loading import load_impact_problem
 from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
-from vgroove.gap.residual.restarts import restart_interval_s
 from vgroove.log import COLUMN_UNITS, as_log
 from vgroove.rig import Rig
 
-RESTART_S = 0.25  # docs/spec/gap.md, section 5
 # Largest magnitude of a judged value, in the unit of its column (chosen): no measurement of a tool
 # comes near it, and squared sums of such values keep their precision.
 MAX_MAGNITUDE = 1e9
@@ -34,12 +32,13 @@ MAX_MAGNITUDE = 1e9
 def load_problem(
     logs: Sequence[Any],
     rig: Rig,
-    restart_s: float = RESTART_S,
+    restart_s: float | None = None,
     threads: int = 2,
     joints: Sequence[Rig] = (),
 ) -> Problem:
     """Problem of one tool's logs (Log objects or paths) and a rig; long logs are reduced
-    (cleaning/long_logs.py). joints: for each log of a hammering tool the rig with its own joint.
+    (cleaning/long_logs.py). restart_s: time between restarts of the model in s; without it
+    CleanLog.restart_s. joints: for each log of a hammering tool the rig with its own joint.
 
     VgrooveError when the rig's input column is missing, nothing else is measured, the plant cannot
     follow the rig along a log, or the rig's mechanism or load is not simulated.
@@ -47,7 +46,7 @@ def load_problem(
     _check_simulated(rig)
     if not logs:
         raise VgrooveError("no log to judge")
-    if restart_s <= 0.0:
+    if restart_s is not None and restart_s <= 0.0:
         raise VgrooveError("restart_s must be above 0")
     logs = [read(log) for log in logs]
     for log in logs:
@@ -55,11 +54,10 @@ def load_problem(
     if rig.mechanism["kind"] == "impact":
         return with_clip(load_impact_problem(logs, rig, threads, joints), {})
     logs = remove_held_samples(reduce_long_logs(logs, rig), rig)
-    cleaned = with_common_noise([clean_log(log, rig) for log in logs])
-    cleaned = with_angle_comparison(cleaned, restart_s)
-    runs = tuple(prepare_run(log, restart_s) for log in cleaned)
-    longest_s = max(restart_interval_s(log.interval_s, restart_s) for log in cleaned)
-    problem = join_runs(rig, runs, longest_s, threads)
+    cleaned = with_common_noise([clean_log(log, rig, restart_s) for log in logs])
+    cleaned = with_angle_comparison(cleaned)
+    runs = tuple(prepare_run(log) for log in cleaned)
+    problem = join_runs(rig, runs, max(log.restart_s for log in cleaned), threads)
     _check_reach(problem)
     aligned = problem.with_angles(align_angles(problem, problem.theta0, problem.angles))
     return with_clip(aligned, {})

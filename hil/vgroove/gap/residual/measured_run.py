@@ -35,8 +35,8 @@ from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.input_uncertainty import input_sigma
 from vgroove.gap.residual.inputs import DrivingColumns, read_input
 from vgroove.gap.residual.regimes import regimes_of
-from vgroove.gap.residual.restart_errors import share_restart_errors
-from vgroove.gap.residual.restarts import Restarts, restart_interval_s
+from vgroove.gap.residual.restart_errors import share_restart_errors, widen_by_start_speeds
+from vgroove.gap.residual.restarts import Restarts
 from vgroove.gap.residual.state_observer import make_state_observer, rough_speed
 from vgroove.units import TURN_RAD
 
@@ -66,26 +66,26 @@ class MeasuredRun:
         freeze_arrays(self)
 
 
-def prepare_run(clean: CleanLog, restart_s: float) -> MeasuredRun:
+def prepare_run(clean: CleanLog) -> MeasuredRun:
     """Run of a cleaned log under its rig; VgrooveError when the input is missing or nothing is left
     to judge.
     """
     rig = clean.rig
     time_s, drive = clean.time_s, read_input(clean)
-    restart_s = restart_interval_s(clean.interval_s, restart_s)
     plant = drive.columns.plant()
     edges, motion = read_edge_periods(clean), nominal_motion(plant, rig)
     if edges is not None:
         edges = add_expected_speed(edges, time_s, motion)
     channels = build_channels(clean, edges)
     observer = make_state_observer(clean, edges, channels)
-    channels = widen_by_input(channels, time_s, input_sigma(rig, drive.measured, restart_s))
+    channels = widen_by_input(channels, time_s, input_sigma(rig, drive.measured, clean.restart_s))
     moving = begins_in_motion(observer, time_s)
     from_rest = not moving and _counts_from_unknown_rest(clean, edges)
     if from_rest:
         observer = align_count_to_rest(observer, edges, time_s, motion)
-    restarts, holes = find_restarts_and_holes(clean, observer, restart_s, moving)
+    restarts, holes = find_restarts_and_holes(clean, observer, moving)
     known = _known_channels(clean, channels, restarts, holes)
+    known = widen_by_start_speeds(known, plant, rig, restarts)
     known = share_restart_errors(known, plant, rig, restarts)
     record = SpeedRecord(observer.speed, time_s[0], moving)
     speed = rough_speed(time_s, observer)

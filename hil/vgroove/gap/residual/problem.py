@@ -1,7 +1,7 @@
 """Logs and a rig as normalised residuals, batched over parameter sets: the function that every fit
 and every figure of the diagnosis is computed from.
 
-    problem = load_problem(logs, rig, restart_s=0.25, threads=2)    (residual/loading.py)
+    problem = load_problem(logs, rig, threads=2)            (residual/loading.py)
     problem.residuals(theta)    (B, P) -> (B, n): (measured - model) / sigma, not clipped, finite
     problem.theta0              (P,) the rig's own values
     problem.folds               masks (n,) of training and test rows; each residual is tested once

@@ -13,7 +13,29 @@ from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.gap.residual.shared_errors import SharedErrors
 from vgroove.rig import Rig
 
-CURRENT = "current_a"
+CURRENT, SPEED = "current_a", "speed_measured_rad_s"
+
+
+def widen_by_start_speeds(
+    channels: tuple[Channel, ...], drive: _core.LogInput, rig: Rig, restarts: Restarts
+) -> tuple[Channel, ...]:
+    """The channels of a log; the standard deviation of a speed that is measured in rows includes
+    the error of the speed from which the model restarted, times the response of the rig's model
+    without effects: a corrected rig has the same one.
+    """
+    if not any(map(_is_row_speed, channels)):
+        return channels
+    error = _response_to_speed(drive, replace(rig, effects={}), restarts)[SPEED]
+    return tuple(
+        replace(channel, sigma=np.hypot(channel.sigma, channel.factor * error[channel.row]))
+        if _is_row_speed(channel)
+        else channel
+        for channel in channels
+    )
+
+
+def _is_row_speed(channel: Channel) -> bool:
+    return isinstance(channel, RowChannel) and channel.key == SPEED
 
 
 def share_restart_errors(
@@ -42,11 +64,15 @@ def _with_errors(channel: Channel, response: Simulation, restarts: Restarts) -> 
 
 
 def _response_to_speed(drive: _core.LogInput, rig: Rig, restarts: Restarts) -> Simulation:
-    """Change (rows,) of angle, rad, and current, A, of the nominal model if the speed at the last
-    restart is higher by one standard deviation; 0 in rows that the simulation does not reach.
+    """Change (rows,) of angle, rad, speed, rad/s, and current, A, of the nominal model if the speed
+    at the last restart is higher by one standard deviation; 0 in rows that the simulation does not
+    reach.
     """
     theta = np.repeat(rig.parameters()[None], 2, axis=0)
     states = restarts.states(SensorErrors.of(theta, list(_core.PARAMETERS).index))
     states[1, :, 1] += restarts.speed_sigma
     found = _core.simulate_log(drive, theta, restarts.rows, states, threads=1, unfinished="nan")
-    return {name: np.nan_to_num(found[name][1] - found[name][0]) for name in ("angle_rad", CURRENT)}
+    return {
+        name: np.nan_to_num(found[name][1] - found[name][0])
+        for name in ("angle_rad", SPEED, CURRENT)
+    }

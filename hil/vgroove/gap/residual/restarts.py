@@ -26,12 +26,15 @@ from vgroove.gap.residual.sensors import SensorErrors
 @dataclass(frozen=True)
 class RestartRules:
     """Where restarts are looked for; chosen on the tuning half of the blind set
-    (docs/gap_bench.md).
+    (docs/gap_bench.md), those under a current on measured logs that are not part of the tests.
     """
 
     # reach: largest distance of a restart from its regular instant, for restarts every nominal_s
     search_s: float = 0.05
     nominal_s: float = 0.25
+    # of a motor that is driven by its current: up to this interval, as a share of the log
+    longest_under_current_s: float = 1.0
+    share_under_current: float = 0.25
     search_rows: float = 1.5  # the same in rows, of a slow logger
     candidates: int = 11  # instants within the reach that are compared
     # shortest interval between restarts, in rows of a slow logger: the longest delay that is looked
@@ -151,6 +154,19 @@ class Restarts:
         clipped = np.abs(self.measured[:, 0]) > RESTART.clipped_share * limit_a
         true[:, :, 0] = np.where(clipped & np.isfinite(self.motion_a), self.motion_a, true[:, :, 0])
         return true
+
+
+def usual_restart_s(drives_speed: bool, lasts_s: float) -> float:
+    """Time between restarts of a log that lasts so long; drives_speed: it holds the current that
+    drives the motor, and the speed.
+
+    The back EMF does not brake a motor whose current is given. What a missing effect changes in its
+    speed then grows with the time since the restart, and the error of the start speed does not.
+    """
+    if not drives_speed:
+        return RESTART.nominal_s
+    wanted_s = min(RESTART.longest_under_current_s, RESTART.share_under_current * lasts_s)
+    return max(RESTART.nominal_s, wanted_s)
 
 
 def restart_interval_s(interval_s: float, restart_s: float) -> float:

@@ -8,13 +8,16 @@ both are known. The beam search extends several sets of each size, those that fi
 decision examines afterwards which members of what it finds are established.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.residual.huber import huber_weight
 from vgroove.gap.selection.candidate_sets import distinct_hypotheses
-from vgroove.gap.selection.extension import extensions
+from vgroove.gap.selection.extension import extensions, known_added_effects
 from vgroove.gap.selection.limits import STEPWISE
-from vgroove.gap.selection.search_state import Search, is_valid, key, rescale
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key, rescale
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,9 @@ class BeamLimits:
     # leave only the error of their form, about a sixteenth (see limits.py), and several together
     # approximate the larger part of many other things
     min_closed: float = 0.95
+    # least share that all effects together close to first order beside the set of forward
+    # selection; less than min_closed, because effects are not linear
+    min_closed_by_all: float = 0.8
 
 
 BEAM = BeamLimits()
@@ -77,11 +83,33 @@ def best_of_beam(search: Search) -> Fit:
 def suits_beam_search(search: Search, best: Fit) -> bool:
     """Whether the logs have few blocks and the best set of forward selection ends far from the
     noise, in the forward simulation of a tool that does not hammer: the cycles of a hammering one
-    are many, and each of its simulations is long.
+    are many, and each of its simulations is long. False where all effects together close less than
+    BEAM.min_closed_by_all.
     """
     if search.problem.sigma_is_bound or search.gap_problem is not None:
         return False
-    return search.blocks.count <= BEAM.max_blocks and search.is_far_from_noise(best)
+    if search.blocks.count > BEAM.max_blocks or not search.is_far_from_noise(best):
+        return False
+    return closed_by_all_effects(search, best) >= BEAM.min_closed_by_all
+
+
+def closed_by_all_effects(search: Search, best: Fit) -> float:
+    """Share of the squared reported gap left by retuning that is closed when all effects are added
+    to a set of the forward simulation, to first order and over all rows: least squares over their
+    slopes, and over the change of the residuals between the set and each effect's own start beside
+    it. Residuals above the clip of the comparison have less weight (Huber).
+    """
+    columns = [best.jacobian]
+    for one in known_added_effects(search, best):
+        columns += [one.columns, (one.residual - best.residual)[:, None].astype(np.float32)]
+    slopes = np.hstack(columns)
+    root = np.sqrt(huber_weight(best.residual, COMPARISON.clip_sigma)).astype(np.float32)
+    weighted = slopes * root[:, None]
+    size = np.sqrt(np.square(weighted).sum(axis=0))
+    weighted /= np.where(size > 0.0, size, 1.0)
+    shift, *_ = np.linalg.lstsq(weighted, root * best.residual.astype(np.float32), rcond=None)
+    left = best.residual - (weighted @ shift) / root
+    return search.reported_share(replace(best, out_of_fold=left))
 
 
 def best_fitting(search: Search, size: int) -> list[Fit]:

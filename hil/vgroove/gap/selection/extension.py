@@ -66,31 +66,32 @@ def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[F
 
 
 def added_effects(search: Search, base: Fit) -> Iterator[AddedEffect]:
-    """Each further effect beside base. The slopes of the largest base are cached, because the
-    location of the gap uses them again.
+    """Each further effect beside base. Those of the largest base are cached, because the location
+    of the gap uses their slopes again.
     """
-    kept: list[tuple[Hypothesis, np.ndarray]] = []
+    kept: list[AddedEffect] = []
     for one in differentiate_added(search, base, hypotheses_beside(search, base)):
-        kept.append((one.hypothesis, one.columns))
+        kept.append(one)
         yield one
-    cached = search.cache.slopes
+    cached = search.cache.added
     if cached is None or len(base.ids) >= len(cached[0].ids):
-        search.cache.slopes = base, kept
+        search.cache.added = base, kept
 
 
-def extension_slopes(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Hypotheses of base plus each further effect, and the slopes (n, new) along its parameters."""
-    cached = search.cache.slopes
+def known_added_effects(search: Search, base: Fit) -> list[AddedEffect]:
+    """Each further effect beside base, from the cache where it holds them."""
+    cached = search.cache.added
     if cached is not None and cached[0] is base:
         return cached[1]
-    return [(one.hypothesis, one.columns) for one in added_effects(search, base)]
+    return list(added_effects(search, base))
 
 
 def slopes_of_subsystem(search: Search, base: Fit, subsystem: str) -> list[np.ndarray]:
-    """Slopes (n, new) as extension_slopes() states them, of the effects of one subsystem."""
-    cached = search.cache.slopes
+    """Slopes (n, new) of the effects of one subsystem (AddedEffect.columns)."""
+    cached = search.cache.added
     if cached is not None and cached[0] is base:
-        return [s for h, s in cached[1] if BY_ID[h.ids[-1]].subsystem == subsystem]
+        added = cached[1]
+        return [a.columns for a in added if BY_ID[a.hypothesis.ids[-1]].subsystem == subsystem]
     trials = [h for h in hypotheses_beside(search, base) if BY_ID[h.ids[-1]].subsystem == subsystem]
     return [one.columns for one in differentiate_added(search, base, trials)]
 
@@ -157,7 +158,8 @@ def differentiate_added(
         ]
         jobs.append((h, np.vstack([h.start, h.start + steps])))
     for h, (start, *moved) in zip(trials, engine.residuals_of_jobs(jobs), strict=True):
-        yield AddedEffect(h, start, forward_differences(h, start, moved, count))
+        # a copy: a view would keep the whole batch of residuals
+        yield AddedEffect(h, start.copy(), forward_differences(h, start, moved, count))
 
 
 def forward_differences(

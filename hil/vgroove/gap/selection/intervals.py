@@ -1,9 +1,8 @@
 """Parameter values of a fit with 95 % intervals; fitted again over long stretches where the shaft's
 speed decays more slowly than the model restarts.
 
-The gap is judged with a restart every quarter of a second (docs/spec/gap.md, section 5). The
-friction of a shaft that coasts for a second is estimated more precisely from one simulation over
-the second than from four that each begin with a measured, noisy state.
+The friction of a shaft that coasts for a second is estimated more precisely from one simulation
+over the second than from four that each begin with a measured, noisy state.
 """
 
 from collections.abc import Collection
@@ -14,6 +13,7 @@ from itertools import product
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID, FORMS_BEYOND_SPECIFICATION
+from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.fitting.covariance import interval_half_widths, region_excludes_zero
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
@@ -22,6 +22,7 @@ from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.impact.problem import OF_LOG
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.protocol import MeasuredProblem
+from vgroove.gap.residual.restarts import RESTART, restart_interval_s
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.rig import Rig
@@ -225,19 +226,27 @@ def speed_time_constant_s(rig: Rig) -> float:
     return rig.shaft_inertia_kg_m2 / damping if damping > 0.0 else np.inf
 
 
+def restarts_under_voltage_s(problem: MeasuredProblem) -> float:
+    """Longest time in s between restarts of the logs if no current drove the motor."""
+    return max(
+        restart_interval_s(logging_interval_s(log.time_s), RESTART.nominal_s)
+        for log in problem.logs
+    )
+
+
 def estimate_over_long_stretches(engine: Engine, shown: Fit) -> Estimate | None:
     """The same effects and nuisance parameters fitted with a restart only every several time
     constants of the shaft's speed.
 
-    None where that time constant is shorter than the time between two restarts, where the fit has a
-    periodic effect, whose angles are aligned for each stretch between stops, or where the model
-    drifts from the log in the longer time.
+    None where that time constant is shorter than the time between two restarts (that of a log which
+    no current drives), where the fit has a periodic effect, whose angles are aligned for each
+    stretch between stops, or where the model drifts from the log in the longer time.
     """
     problem = engine.problem
     constant_s = speed_time_constant_s(problem.rig)
     if (
         not len(shown.x)
-        or constant_s < problem.restart_s
+        or constant_s < min(problem.restart_s, restarts_under_voltage_s(problem))
         or angle_alignment.active_periodic_effects(problem, shown.theta(problem.theta0))
     ):
         return None

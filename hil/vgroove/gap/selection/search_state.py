@@ -119,14 +119,14 @@ class SearchCache:
 
     fits: the best converged fit of each set of effects that was tried, by key() of its ids.
     refitted_leaner: the last set whose subsets were fitted from its parameter values.
-    slopes: the largest set whose extensions were differentiated, with the slopes (n, new) of each.
+    added: the largest set whose extensions were differentiated, with the AddedEffect of each.
     extensions: the best first-order extensions of a set, by key() of its ids.
     gap_residuals: by id() of a fit, the fit and its held-out residuals in the forward simulation.
     """
 
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     refitted_leaner: Fit | None = None
-    slopes: tuple[Fit, list[tuple[Hypothesis, np.ndarray]]] | None = None
+    added: tuple[Fit, list[Any]] | None = None
     extensions: dict[tuple[str, ...], Any] = field(default_factory=dict)
     gap_residuals: dict[int, tuple[Fit, np.ndarray]] = field(default_factory=dict)
 
