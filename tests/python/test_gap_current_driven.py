@@ -90,9 +90,44 @@ def test_a_friction_that_acts_slowly_is_named(seed: int) -> None:
     assert gap_of(given, log) - gap_of(tool, log) > 0.2
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_true_drive_has_no_gap(seed: int) -> None:
-    assert diagnose([servo_log(servo(), seed)], servo()).verdict == "none"
+def drawn_drive(seed: int, inertia_error: float = 0.0) -> tuple[Log, Rig]:
+    """A log of a drive whose inertia, frictions, noise, row interval, length and current are drawn
+    from ranges, and its rig; the drive has a larger inertia by a share inertia_error.
+    """
+    rng = np.random.default_rng(seed)
+    inertia = float(np.exp(rng.uniform(np.log(1e-3), np.log(0.3))))
+    torque_nm = float(rng.uniform(30.0, 60.0) * inertia)
+    row_s, noise_rpm = float(rng.choice([0.002, 0.005, 0.01, 0.02])), float(rng.uniform(0.5, 5.0))
+    motor = SERVO["motor"] | {
+        "inertia_kg_m2": inertia,
+        "viscous_nm_s_per_rad": float(inertia * rng.uniform(0.02, 1.0)),
+        "coulomb_nm": 0.05 * torque_nm,
+    }
+    sensors = {"log_hz": 1.0 / row_s, "speed_noise_rpm": noise_rpm, "speed_lsb_rpm": 0.1}
+    given = rig_from_dict(SERVO | {"motor": motor, "sensors": sensors}, "a drawn drive")
+    tool = given.with_effects({"added_inertia": {"kg_m2": inertia_error * inertia}})
+    time_s = row_s * np.arange(round(rng.uniform(1.5, 8.0) / row_s))
+    wave = np.sin(2.0 * np.pi * rng.uniform(0.3, 1.5) * time_s + rng.uniform(0.0, 6.0))
+    current = np.round(torque_nm / 0.4 * (np.sign(wave) if seed % 2 else wave), 3)
+    drive = _core.LogInput(time_s, "current_a", current)
+    rows = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    speed = rows["speed_rad_s"][0] * RPM_PER_RAD_S
+    noisy = np.round(speed + noise_rpm * rng.standard_normal(len(time_s)), 1)
+    return Log(time_s, {"current_a": current, "speed_rpm": noisy}, "drawn"), given
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_true_drive_has_no_gap(seed: int) -> None:
+    log, given = drawn_drive(seed)
+    assert diagnose([log], given).verdict == "none"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_inertia_is_named_or_is_a_rival(seed: int) -> None:
+    """Under a given current a torque constant changes the motion as an inertia does."""
+    log, given = drawn_drive(seed, 0.08)
+    verdict = diagnose([log], given)
+    assert "added_inertia" in {*verdict.selected, *(r.id for r in verdict.indistinguishable)}
 
 
 def test_the_true_drive_leaves_noise_alone() -> None:

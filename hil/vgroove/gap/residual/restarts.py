@@ -32,7 +32,8 @@ class RestartRules:
     # reach: largest distance of a restart from its regular instant, for restarts every nominal_s
     search_s: float = 0.05
     nominal_s: float = 0.25
-    # of a motor that is driven by its current: up to this interval, as a share of the log
+    # longest time between restarts of a speed under a measured current, and that time as a share of
+    # the log
     longest_under_current_s: float = 1.0
     share_under_current: float = 0.25
     search_rows: float = 1.5  # the same in rows, of a slow logger
