@@ -17,8 +17,9 @@ class _WithoutAsammdf:
 
 
 def import_without_asammdf() -> None:
-    """Let every later import of python-can in this process skip asammdf. For a main program alone:
-    python-can then reads and writes no MF4 files, except by the classes of mf4_files().
+    """Make python-can importable without loading asammdf, for the rest of the process. Only a main
+    program may call it: python-can's own readers and writers of MF4 files are then missing, and
+    mf4_files() has to be used.
     """
     sys.meta_path.insert(0, _WithoutAsammdf())
 

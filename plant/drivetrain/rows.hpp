@@ -105,7 +105,8 @@ VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int la
     return ends_in_row ? left : c.row_remaining_s;
 }
 
-// Sets the command that acts just before the time of a start row, or just after it.
+// Sets the command of a row at which the simulation starts. Where the command changes at the time
+// of that row, `before` selects the value before the change, otherwise the one after it.
 template <class V, int N>
 VGROOVE_INLINE void command_at_start(Group<V, N> &g, const LogInput &in, int lane, bool before) {
     Cursor &c = g.cursor[lane];

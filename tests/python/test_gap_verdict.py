@@ -1171,7 +1171,9 @@ def test_one_signal_alone_shows_that_a_set_closes_the_reported_gap() -> None:
 def test_implausible_sizes_need_a_tenth_of_the_reported_gap(
     implausible: str, after: float, less_plausible: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Retuning leaves 100 above the noise, the leaner set 90."""
+    """The squared reported gap above the noise is 100 without effects and 90 with the smaller set;
+    the larger set with implausible values must leave less than 80.
+    """
     state, leaner, fuller = Scored(101.0, 101.0, 91.0), named_gap(91.0, 1), named_gap(after, 2)
     names = {id(leaner): "a", id(fuller): "b"}
     monkeypatch.setattr(decision, "is_implausible", lambda _, one: names[id(one)] in implausible)

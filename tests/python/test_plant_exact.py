@@ -127,9 +127,9 @@ def test_blocks_and_single_rows_agree(seed: int) -> None:
 def test_a_start_has_the_command_of_one_delay_earlier(
     solver: str, rows_late: int, duty: float, coasts: bool
 ) -> None:
-    """The duty is 0.2 up to row 88 and 0.6 from row 89 on, or the bridge is open from there on. The
-    simulation starts again at row 90 with a current of 3 A, which flows through the supply's
-    resistance only while the bridge switches.
+    """A command that changes at row 89: the duty from 0.2 to 0.6, or the bridge from switching to
+    open. The simulation starts again at row 90 with a motor current of 3 A. It loads the supply
+    only while the bridge switches, so that the supply voltage shows which command is active.
     """
     tool = ref.Tool(voltage=18.0, supply_ohm=0.1)
     tool.effects["transport_delay"] = {"delay_s": rows_late * 1e-3}

@@ -123,7 +123,8 @@ def savitzky_golay(values: np.ndarray, window: int, order: int) -> np.ndarray:
     """Savitzky-Golay filter (n,) of a column of at least `window` samples, an odd number; as
     scipy.signal.savgol_filter(), without the second that the import of scipy.signal takes.
     """
-    half, rows, values = window // 2, np.arange(window), np.asarray(values, dtype=float)
+    half, rows = window // 2, np.arange(window)
+    values = np.asarray(values, dtype=float)
     out = scipy.ndimage.convolve1d(values, filter_coefficients(window, order), mode="constant")
     out[:half] = np.polyval(np.polyfit(rows, values[:window], order), rows[:half])
     out[-half:] = np.polyval(np.polyfit(rows, values[-window:], order), rows[-half:])

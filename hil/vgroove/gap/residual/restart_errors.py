@@ -19,9 +19,10 @@ CURRENT, SPEED = "current_a", "speed_measured_rad_s"
 def widen_by_start_speeds(
     channels: tuple[Channel, ...], drive: _core.LogInput, rig: Rig, restarts: Restarts
 ) -> tuple[Channel, ...]:
-    """The channels of a log; the standard deviation of a speed that is measured in rows includes
-    the error of the speed from which the model restarted, times the response of the rig's model
-    without effects: a corrected rig has the same one.
+    """The channels of a log, with a larger standard deviation of each speed that is measured in
+    rows. The model restarts from a measured speed, whose error changes all simulated speeds up to
+    the next restart; this change is added as the root of the sum of squares. It is computed without
+    the effects of the rig, so that a rig corrected by an effect has the same standard deviations.
     """
     if not any(map(_is_row_speed, channels)):
         return channels

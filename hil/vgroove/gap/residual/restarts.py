@@ -158,8 +158,8 @@ class Restarts:
 
 
 def usual_restart_s(drives_speed: bool, lasts_s: float) -> float:
-    """Time between restarts of a log that lasts so long; drives_speed: it holds the current that
-    drives the motor, and the speed.
+    """Time in s between restarts of the model in a log of the length lasts_s; drives_speed: whether
+    a measured current drives the motor and the speed is measured.
 
     The back EMF does not brake a motor whose current is given. What a missing effect changes in its
     speed then grows with the time since the restart, and the error of the start speed does not.

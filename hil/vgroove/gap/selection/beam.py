@@ -15,7 +15,7 @@ import numpy as np
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.huber import huber_weight
 from vgroove.gap.selection.candidate_sets import distinct_hypotheses
-from vgroove.gap.selection.extension import extensions, known_added_effects
+from vgroove.gap.selection.extension import added_effects, extensions
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key, rescale
 
@@ -94,13 +94,15 @@ def suits_beam_search(search: Search, best: Fit) -> bool:
 
 
 def closed_by_all_effects(search: Search, best: Fit) -> float:
-    """Share of the squared reported gap left by retuning that is closed when all effects are added
-    to a set of the forward simulation, to first order and over all rows: least squares over their
-    slopes, and over the change of the residuals between the set and each effect's own start beside
-    it. Residuals above the clip of the comparison have less weight (Huber).
+    """Estimate of the share of the reported gap, squared, that the set would close with all further
+    effects of the catalogue added: one linear least-squares step over all rows.
+
+    Its regressors are the derivatives of the residuals with respect to all parameters and, because
+    an effect may be started far from 0, the change of the residuals from the set to each effect's
+    start value. Residuals above the clip have less weight (Huber). For the forward simulation.
     """
     columns = [best.jacobian]
-    for one in known_added_effects(search, best):
+    for one in added_effects(search, best):
         columns += [one.columns, (one.residual - best.residual)[:, None].astype(np.float32)]
     slopes = np.hstack(columns)
     root = np.sqrt(huber_weight(best.residual, COMPARISON.clip_sigma)).astype(np.float32)

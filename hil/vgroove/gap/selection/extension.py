@@ -65,25 +65,17 @@ def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[F
     return known.fits[:count]
 
 
-def added_effects(search: Search, base: Fit) -> Iterator[AddedEffect]:
-    """Each further effect beside base. Those of the largest base are cached, because the location
-    of the gap uses their slopes again.
+def added_effects(search: Search, base: Fit) -> list[AddedEffect]:
+    """Each further effect beside base. Those of the largest base are cached, because beam search
+    and location of the gap use them again.
     """
-    kept: list[AddedEffect] = []
-    for one in differentiate_added(search, base, hypotheses_beside(search, base)):
-        kept.append(one)
-        yield one
-    cached = search.cache.added
-    if cached is None or len(base.ids) >= len(cached[0].ids):
-        search.cache.added = base, kept
-
-
-def known_added_effects(search: Search, base: Fit) -> list[AddedEffect]:
-    """Each further effect beside base, from the cache where it holds them."""
     cached = search.cache.added
     if cached is not None and cached[0] is base:
         return cached[1]
-    return list(added_effects(search, base))
+    found = list(differentiate_added(search, base, hypotheses_beside(search, base)))
+    if cached is None or len(base.ids) >= len(cached[0].ids):
+        search.cache.added = base, found
+    return found
 
 
 def slopes_of_subsystem(search: Search, base: Fit, subsystem: str) -> list[np.ndarray]:

@@ -227,7 +227,9 @@ def speed_time_constant_s(rig: Rig) -> float:
 
 
 def restarts_under_voltage_s(problem: MeasuredProblem) -> float:
-    """Longest time in s between restarts of the logs if no current drove the motor."""
+    """Time in s between restarts of the model in the log with the slowest logger, as for a motor
+    that a voltage drives: 0.25 s or 32 logging intervals.
+    """
     return max(
         restart_interval_s(logging_interval_s(log.time_s), RESTART.nominal_s)
         for log in problem.logs

@@ -144,8 +144,9 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
 
 
 def is_less_plausible(search: Search, fuller: Fit, leaner: Fit) -> bool:
-    """Whether the sizes of a set are implausible and those of a leaner one are not, and the set
-    closes less of the reported gap in addition than an established member.
+    """Whether a set has implausible parameter values, a smaller set has plausible ones, and the
+    difference of the shares of the reported gap that they close is less than an established member
+    must close.
     """
     more = search.reported_share(fuller) - search.reported_share(leaner)
     implausible = is_implausible(search, fuller) and not is_implausible(search, leaner)

@@ -16,7 +16,7 @@ import numpy as np
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
 from vgroove.gap.fitting.steps import bounded_step
-from vgroove.gap.selection.extension import known_added_effects
+from vgroove.gap.selection.extension import added_effects
 from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means, clipped_squares
 from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict.schema import RegimeShare
@@ -71,7 +71,7 @@ def linear_model(search: Search, best: Fit) -> LinearModel:
         [best.jacobian],
         [subsystem_of(c.name) if not c.prior else NUISANCE for c in best.hypothesis.coordinates],
     )
-    for added in known_added_effects(search, best):
+    for added in added_effects(search, best):
         columns.append(added.columns)
         owner += [BY_ID[added.hypothesis.ids[-1]].subsystem] * added.columns.shape[1]
     target = best.residual - best.jacobian[:, :count] @ best.x[:count]
