@@ -129,6 +129,23 @@ def test_an_open_bridge_of_instants_is_shifted_with_the_command() -> None:
     assert not load_problem([log], slow_tool()).runs[0].bridge_closed[100]
 
 
+@pytest.mark.parametrize(("late_rows", "said"), [(0, False), (1, True)])
+@pytest.mark.parametrize("resumes", [False, True])
+def test_the_bridge_of_instants_opens_as_the_command_becomes_zero(
+    late_rows: int, said: bool, resumes: bool
+) -> None:
+    """Whether its column is that of the instant, or of the interval that the row closes."""
+    log, row = slow_log(0.02), np.arange(ROWS)
+    off = (row >= 100) & ((row < 140) | (not resumes))
+    log.columns["voltage_v"] = np.where(off, 0.0, 8.0)
+    log.columns["coast"] = np.roll(off, late_rows).astype(float)
+    log.columns["coast"][:late_rows] = 0.0
+    problem = load_problem([log], slow_tool("after"))
+    closed = problem.runs[0].bridge_closed
+    np.testing.assert_array_equal(closed[1:], ~off[:-1])
+    assert any("coast follows voltage_v by a row" in text for text in problem.warnings) == said
+
+
 @pytest.mark.parametrize(
     ("value", "interval", "after", "said"),
     [

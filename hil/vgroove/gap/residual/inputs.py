@@ -82,7 +82,7 @@ def read_input(log: CleanLog) -> DrivingInput:
     if log.thinned.any():
         more |= {"skipped_a2": log.columns[SQUARE_A2], "skipped_bus_a": log.columns[BUS_A]}
     if "coast" in log.columns:
-        more["coast"] = _before_rows(log, hold_last_value(log.columns["coast"]))
+        more["coast"] = _open_bridge(log)
     denoised, step_slack = None, resolution_of(log.columns[log.kind])
     if log.kind == "voltage_v":
         denoised = denoise_command(command)
@@ -100,7 +100,7 @@ def read_input(log: CleanLog) -> DrivingInput:
         load_nm=more.get("load_nm"),
         current_a=log.columns.get("current_a"),
         denoised=denoised,
-        bridge_closed=_bridge_closed(log),
+        bridge_closed=_bridge_closed(log, more.get("coast")),
     )
     return DrivingInput(columns, measured)
 
@@ -112,6 +112,25 @@ def _before_rows(log: CleanLog, values: np.ndarray) -> np.ndarray:
     if not log.rig.command_holds_after:
         return values
     return np.concatenate([values[:1], values[:-1]])
+
+
+def _open_bridge(log: CleanLog) -> np.ndarray:
+    """1 where the bridge is open in the interval before each row (rows,), else 0.
+
+    Where rows are instants the column is that of the row's instant, as the command is, or of the
+    interval that the row closes: in the right one of the two the bridge opens as the command
+    becomes 0.
+    """
+    of_interval = hold_last_value(log.columns["coast"])
+    of_instant = _before_rows(log, of_interval)
+    off = _before_rows(log, hold_last_value(log.columns[log.kind])) == 0.0
+    if np.sum((of_interval != 0.0) != off) >= np.sum((of_instant != 0.0) != off):
+        return of_instant
+    log.warn(
+        f"coast follows {log.kind} by a row: taken as the bridge's state in the interval that the "
+        "row closes"
+    )
+    return of_interval
 
 
 def _command(log: CleanLog) -> np.ndarray:
@@ -175,10 +194,10 @@ def _load_kind(log: CleanLog) -> str:
     return "none"
 
 
-def _bridge_closed(log: CleanLog) -> np.ndarray:
-    """Whether a voltage drives the motor at each row (rows,), so that its back-EMF brakes it."""
+def _bridge_closed(log: CleanLog, is_open: np.ndarray | None) -> np.ndarray:
+    """Whether a voltage drives the motor at each row (rows,), so that its back-EMF brakes it.
+    is_open: as _open_bridge(); None: never open.
+    """
     if log.kind == "current_a":
         return np.zeros(len(log.time_s), dtype=bool)
-    if "coast" not in log.columns:
-        return np.ones(len(log.time_s), dtype=bool)
-    return _before_rows(log, hold_last_value(log.columns["coast"])) == 0.0
+    return np.ones(len(log.time_s), dtype=bool) if is_open is None else is_open == 0.0
