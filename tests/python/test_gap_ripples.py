@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vgroove.gap.residual.local_polynomial import LOCAL_FIT, Observations, local_fit
+from vgroove.gap.residual.local_polynomial import LOCAL_FIT, LocalFit, Observations, local_fits
 from vgroove.gap.residual.restarts import Restarts
 from vgroove.gap.residual.speed_ripple import (
     SpeedRipple,
@@ -37,6 +37,11 @@ VALUES = {
 }
 NAMES = list(VALUES)
 SPEED, SLOPE, INSTANT_S = 700.0, -900.0, 0.1
+
+
+def local_fit(observed: Observations, time_s: float) -> LocalFit:
+    """The fit at one instant."""
+    return local_fits(observed, np.array([time_s]))[0]
 
 
 def value(name: str) -> float:

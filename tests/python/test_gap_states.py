@@ -13,12 +13,23 @@ from vgroove.gap.cleaning.sensor_noise import (
     position_noise,
     position_noise_sigma,
 )
-from vgroove.gap.residual.local_polynomial import KnownForce, Observations, local_fit, shrunk
+from vgroove.gap.residual.local_polynomial import (
+    KnownForce,
+    LocalFit,
+    Observations,
+    local_fits,
+    shrunk,
+)
 from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
 from vgroove.gap.residual.sensors import DELAY, FILTER, MEAN, SensorErrors
 from vgroove.rig import read_rig
 
 TIME = np.arange(200) * 1e-3
+
+
+def local_fit(observed: Observations, time_s: float) -> LocalFit:
+    """The fit at one instant."""
+    return local_fits(observed, np.array([time_s]))[0]
 
 
 def seen(values: np.ndarray, sigma: float) -> Observations:

@@ -10,8 +10,20 @@ A run in Python:
     run.telemetry["speed_rpm"]                telemetry of the board
     run.truth["housing_nm"]                   states of the plant; needs truth_every=1
 
+Importing this package alone, as every command does, loads neither numpy nor the plant.
 """
 
-from vgroove.control_bench.runs import AbsentError, Run, pull, reference, sil_run
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vgroove.control_bench.runs import AbsentError, Run, pull, reference, sil_run
 
 __all__ = ["AbsentError", "Run", "pull", "reference", "sil_run"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from vgroove.control_bench import runs
+
+    return getattr(runs, name)

@@ -1,5 +1,7 @@
 """Times of the Hall edges that no log row reports, because several edges fall between two rows."""
 
+from functools import lru_cache
+
 import numpy as np
 
 # s: bound on the error of every reported time: the time stamps of row and edge are rounded to about
@@ -36,10 +38,20 @@ def accelerated_edge_times(previous_s: float, period_s: float, most: int) -> np.
     assumes that n periods lead from a period of previous_s to one of period_s at uniform
     acceleration: the square of the speed then grows linearly with the angle.
     """
-    number = np.arange(1, most + 1)
-    share = np.tril(number[None, :] / number[:, None])
+    share, passed = _shares_of_spans(most)
     rate = 1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) * share
-    return np.tril(1.0 / np.sqrt(rate)).sum(axis=1)
+    return (passed / np.sqrt(rate)).sum(axis=1)
+
+
+@lru_cache(maxsize=256)
+def _shares_of_spans(most: int) -> tuple[np.ndarray, np.ndarray]:
+    """For spans of 1, 2, ... `most` periods (rows) and each period (columns): the share of the span
+    at the period's end, and 1 if the period is part of the span; both 0 else.
+    """
+    number = np.arange(1, most + 1)
+    share, passed = np.tril(number[None, :] / number[:, None]), np.tri(most)
+    share.flags.writeable = passed.flags.writeable = False
+    return share, passed
 
 
 def first_hidden_period(previous_s: float, period_s: float, count: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ columns are measured and rounded (an errors-in-variables model: Fuller, Measurem
 """
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 import scipy  # its parts load when they are first used
@@ -252,6 +253,10 @@ def winding_response(rig: Rig, dt_s: float, command: np.ndarray) -> np.ndarray:
     a, before = np.exp(-r), np.concatenate([command[:1], command[:-1]])
     rise = np.diff(command, prepend=command[0])
     forcing = command - rise / r - a * before + a * rise / r
-    end = scipy.signal.lfilter([1.0], [1.0, -a], forcing, zi=[a * command[0]])[0]
+    # a loop: the import of scipy.signal would take a second of every diagnosis
+    ends = accumulate(
+        forcing.tolist(), lambda end, force: force + a * end, initial=float(command[0])
+    )
+    end = np.fromiter(ends, float)[1:]
     begin = np.concatenate([command[:1], end[:-1]])
     return 0.5 * (command + before) - rise / r + (begin - before + rise / r) * (1.0 - a) / r

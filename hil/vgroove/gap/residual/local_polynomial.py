@@ -6,7 +6,7 @@ Savitzky-Golay filter, Analytical Chemistry 36 (1964) 1627); the width is chosen
 uncertainty. Robust weights: Huber 1964.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -64,14 +64,14 @@ class KnownForce:
         return speed, np.cumsum((speed - 0.5 * self.rate * step) * step)
 
     def at(self, instants_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Speed and angle (m,) at instants (m,)."""
+        """Speed and angle at instants, arrays of one shape."""
         row = np.clip(np.searchsorted(self.time_s, instants_s), 1, len(self.time_s) - 1)
         (speed, angle), before = self._sums, self.time_s[row] - instants_s
         mean = speed[row] - 0.5 * self.rate[row] * before
         return speed[row] - self.rate[row] * before, angle[row] - mean * before
 
     def means(self, start_s: np.ndarray, end_s: np.ndarray) -> np.ndarray:
-        """Mean speeds (m,) over spans; over a span of length 0 the speed at that instant."""
+        """Mean speeds over spans, arrays of one shape; over one of length 0 the speed there."""
         (speed, first), (_, last), length = self.at(start_s), self.at(end_s), end_s - start_s
         return np.where(length > 0.0, (last - first) / np.where(length > 0.0, length, 1.0), speed)
 
@@ -96,22 +96,22 @@ class Observations:
         """Distance in s from an instant up to which observations are used."""
         return max(LOCAL_FIT.max_distance_s, LOCAL_FIT.max_distance_rows * self.interval_s)
 
-    def turn_pattern(self, part: slice) -> np.ndarray:
-        """Regressors (part, pitches - 1) of a pattern that repeats every turn and has mean 0, as a
-        share of the value.
+    def turn_pattern(self, part: np.ndarray) -> np.ndarray:
+        """Regressors (..., m, pitches - 1) over parts (..., m) of a pattern that repeats every turn
+        and has mean 0, as a share of the value.
         """
         which = np.equal(self.pitch[part, None], np.arange(self.pitches_per_rev)).astype(float)
-        relative = (self.value[part] / np.mean(self.value[part]))[:, None]
-        return (which[:, :-1] - which[:, -1:]) * relative
+        relative = self.value[part] / np.mean(self.value[part], axis=-1, keepdims=True)
+        return (which[..., :-1] - which[..., -1:]) * relative[..., None]
 
-    def force_means(self, time_s: float, part: slice) -> np.ndarray:
-        """What the known force adds to a part of the values from an instant on; zeros without a
-        known force.
+    def force_means(self, time_s: np.ndarray, part: np.ndarray) -> np.ndarray:
+        """What the known force adds to parts (n, m) of the values from instants (n,) on; zeros
+        without a known force.
         """
         if self.known_force is None:
-            return np.zeros(len(self.value[part]))
+            return np.zeros(part.shape)
         means = self.known_force.means(self.start_s[part], self.end_s[part])
-        return means - self.known_force.at(np.array([time_s]))[0]
+        return means - self.known_force.at(time_s)[0][:, None]
 
     @cached_property
     def typical_sigma(self) -> float:
@@ -161,133 +161,175 @@ class LocalFit:
 NO_FIT = LocalFit(0.0, 0.0, 0.0, np.inf, np.inf, False)
 
 
-def local_fit(seen: Observations, time_s: float) -> LocalFit:
-    """Value of a signal at an instant from the quadratic through the observations around it of the
-    smallest uncertainty: through few of them where the motion bends, through many where noise
-    dominates; the derivatives from that of the smallest uncertainty of the slope. Where none can be
-    trusted a pattern that repeats every turn is fitted as well.
+def local_fits(seen: Observations, time_s: np.ndarray) -> list[LocalFit]:
+    """Value of a signal at each instant (n,) from the quadratic through the observations around it
+    of the smallest uncertainty: through few of them where the motion bends, through many where
+    noise dominates; the derivatives from that of the smallest uncertainty of the slope. Where none
+    can be trusted a pattern that repeats every turn is fitted as well.
     """
-    middle = int(np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s))
-    narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
+    middle = np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s)
+    of_each_width = zip(
+        *(_quadratics(seen, time_s, middle, count) for count in NEIGHBOURS), strict=True
+    )
+    return [
+        _best_fit(seen, time_s[k : k + 1], middle[k : k + 1], fits)
+        for k, fits in enumerate(of_each_width)
+    ]
+
+
+def _best_fit(
+    seen: Observations, time_s: np.ndarray, middle: np.ndarray, fits: Sequence[LocalFit]
+) -> LocalFit:
+    """The value at one instant (1,) from its quadratics, in order of their width."""
+    narrow, *wider = fits
     best = min((narrow, *_adequate(wider)), key=lambda found: found.sigmas)
-    rates = min((narrow, *wider), key=lambda found: found.slope_sigma)
+    rates = min(fits, key=lambda found: found.slope_sigma)
     best = replace(
         best, slope=rates.slope, curvature=rates.curvature, slope_sigma=rates.slope_sigma
     )
     if best.sigmas < LOCAL_FIT.max_sigmas or seen.pitch is None:
         return best
-    with_pattern = (
-        quadratic(seen, time_s, middle, count, True)
+    with_pattern = [
+        _quadratics(seen, time_s, middle, count, True)[0]
         for count in NEIGHBOURS
         if count >= seen.pitches_per_rev + DEGREE
-    )
+    ]
     return min((best, *_adequate(with_pattern)), key=lambda found: found.sigmas)
 
 
-def _adequate(fits: Iterator[LocalFit] | list[LocalFit]) -> list[LocalFit]:
+def _adequate(fits: Sequence[LocalFit]) -> list[LocalFit]:
     return [one for one in fits if one.adequate]
 
 
-def quadratic(
-    seen: Observations, time_s: float, middle: int, neighbours: int, with_pattern: bool = False
-) -> LocalFit:
-    """Value of a signal at an instant from a quadratic through so many observations on each side of
-    the place `middle`; with_pattern: beside a pattern that repeats every turn (an eccentric wheel,
-    cogging: `speed_ripple.py` adds the shaft's part of it).
+def _quadratics(
+    seen: Observations,
+    time_s: np.ndarray,
+    middle: np.ndarray,
+    neighbours: int,
+    with_pattern: bool = False,
+) -> list[LocalFit]:
+    """Value of a signal at each instant (n,) from a quadratic through so many observations on each
+    side of its place `middle` (n,); with_pattern: beside a pattern that repeats every turn (an
+    eccentric wheel, cogging: `speed_ripple.py` adds the shaft's part of it). NO_FIT where the
+    observations do not allow it.
 
-    The polynomial is fitted to the spans' means, not to their midpoints, so that long edge periods
-    at low speed add no curvature; and to what a known force leaves of them, so that its steps and
-    ripple add none either.
+    The polynomials are fitted to the spans' means, not to their midpoints, so that long edge
+    periods at low speed add no curvature; and to what a known force leaves of them, so that its
+    steps and ripple add none either.
     """
-    part = slice(middle - neighbours, middle + neighbours)
-    if not _may_be_fitted(seen, time_s, part, neighbours):
-        return NO_FIT
-    start, end = seen.start_s[part] - time_s, seen.end_s[part] - time_s
-    scale = max(-start[0], end[-1])
-    basis = _mean_monomials(start / scale, end / scale)
+    fits = [NO_FIT] * len(time_s)
+    inside = np.flatnonzero((middle >= neighbours) & (middle + neighbours <= len(seen.value)))
+    part = middle[inside, None] + np.arange(-neighbours, neighbours)
+    allowed = _may_be_fitted(seen, time_s[inside], part)
     if with_pattern:
-        counts = np.bincount(seen.pitch[part], minlength=seen.pitches_per_rev)
-        if counts.min() < LOCAL_FIT.min_of_each_pitch:
-            return NO_FIT
-        basis = np.column_stack([basis, seen.turn_pattern(part)])
-    force = seen.force_means(time_s, part)
-    solution = _robust_solution(basis, seen.value[part], seen.sigma[part], force)
-    one = min(float(np.median(seen.sigma[part])), seen.typical_sigma)
-    covariance = np.linalg.inv((basis * solution.row_weight).T @ (basis * solution.row_weight))
-    weight = covariance[0] @ basis.T * solution.row_weight[:, 0] ** 2
-    freedom = len(start) - basis.shape[1]
+        allowed &= _holds_each_pitch(seen, part)
+    if not allowed.any():
+        return fits
+    part, which = part[allowed], inside[allowed]
+    found = _fit_quadratics(seen, time_s[which], part, with_pattern)
+    for k, fit in zip(which, found, strict=True):
+        fits[k] = fit
+    return fits
+
+
+def _fit_quadratics(
+    seen: Observations, time_s: np.ndarray, part: np.ndarray, with_pattern: bool
+) -> list[LocalFit]:
+    """Quadratics at instants (n,) through parts (n, m) of the observations."""
+    start, end = seen.start_s[part] - time_s[:, None], seen.end_s[part] - time_s[:, None]
+    scale = np.maximum(-start[:, 0], end[:, -1])
+    basis = _mean_monomials(start / scale[:, None], end / scale[:, None])
+    if with_pattern:
+        basis = np.concatenate([basis, seen.turn_pattern(part)], axis=-1)
+    force, sigma = seen.force_means(time_s, part), seen.sigma[part]
+    solution = _robust_solution(basis, seen.value[part], sigma, force)
+    one = np.minimum(np.median(sigma, axis=1), seen.typical_sigma)
+    weighted = basis * solution.row_weight
+    covariance = np.linalg.inv(weighted.swapaxes(1, 2) @ weighted)
+    weight = (covariance[:, :1] @ basis.swapaxes(1, 2))[:, 0] * solution.row_weight[..., 0] ** 2
+    freedom = part.shape[1] - basis.shape[2]
     left = solution.weighted_square / freedom
-    sigmas = np.sqrt(np.diag(covariance)[: DEGREE + 1] * max(1.0, left))
-    fitted, forced = solution.coefficients[: DEGREE + 1].T
-    _, slope, curvature = (shrunk(fitted, sigmas) + forced) / scale ** np.arange(DEGREE + 1)
-    steepness = abs(float(fitted[1] + forced[1])) / scale
-    return LocalFit(
-        float(solution.coefficients[0, 0]),
-        float(slope),
-        2.0 * float(curvature),
-        float(sigmas[0]) / one,
-        steepness * LOCAL_FIT.slope_penalty_s / one,
-        left < 1.0 + LOCAL_FIT.max_lack_of_fit * np.sqrt(2.0 / freedom),
-        float(sigmas[1]) / scale,
-        float(sigmas[0]),
-        Smoothing(start, end, weight),
-    )
+    variance = np.diagonal(covariance, axis1=1, axis2=2)[:, : DEGREE + 1]
+    sigmas = np.sqrt(variance * np.maximum(1.0, left)[:, None])
+    fitted, forced = np.moveaxis(solution.coefficients[:, : DEGREE + 1], 2, 0)
+    rates = (shrunk(fitted, sigmas) + forced) / scale[:, None] ** np.arange(DEGREE + 1)
+    steepness = np.abs(fitted[:, 1] + forced[:, 1]) / scale
+    adequate = left < 1.0 + LOCAL_FIT.max_lack_of_fit * np.sqrt(2.0 / freedom)
+    return [
+        LocalFit(
+            float(fitted[k, 0]),
+            float(rates[k, 1]),
+            2.0 * float(rates[k, 2]),
+            float(sigmas[k, 0] / one[k]),
+            float(steepness[k] * LOCAL_FIT.slope_penalty_s / one[k]),
+            bool(adequate[k]),
+            float(sigmas[k, 1] / scale[k]),
+            float(sigmas[k, 0]),
+            Smoothing(start[k], end[k], weight[k]),
+        )
+        for k in range(len(time_s))
+    ]
 
 
 def shrunk(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """Values (n,) with standard deviations (n,), each shrunk towards 0 by the share of its square
-    that noise explains (Breiman, Technometrics 37(4), 1995). A lag of the sensor multiplies slope
-    and curvature, and with them their noise.
+    """Values with standard deviations of the same shape, each shrunk towards 0 by the share of its
+    square that noise explains (Breiman, Technometrics 37(4), 1995). A lag of the sensor multiplies
+    slope and curvature, and with them their noise.
     """
     noise = sigmas**2 / np.maximum(values**2, MIN_SQUARE)
     return np.maximum(1.0 - noise, 0.0) * values
 
 
-def _may_be_fitted(seen: Observations, time_s: float, part: slice, neighbours: int) -> bool:
-    """Whether the part lies within the observations and within max_distance_s of the instant, and a
-    part wider than the narrowest contains no reversal: friction and play bend a motion there.
+def _may_be_fitted(seen: Observations, time_s: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Whether each part (n, m) of the observations lies within max_distance_s of its instant (n,),
+    and one wider than the narrowest contains no reversal: friction and play bend a motion there.
     """
-    if part.start < 0 or part.stop > len(seen.value):
-        return False
     value = seen.value[part]
-    before, after = time_s - seen.start_s[part.start], seen.end_s[part.stop - 1] - time_s
-    if max(before, after) > seen.max_distance_s or not np.all(np.isfinite(value)):
-        return False
-    return neighbours == NEIGHBOURS[0] or abs(np.sum(np.sign(value))) >= len(value)
+    before, after = time_s - seen.start_s[part[:, 0]], seen.end_s[part[:, -1]] - time_s
+    allowed = np.maximum(before, after) <= seen.max_distance_s
+    allowed &= np.all(np.isfinite(value), axis=1)
+    if part.shape[1] > 2 * NEIGHBOURS[0]:
+        allowed &= np.abs(np.sum(np.sign(value), axis=1)) >= part.shape[1]
+    return allowed
+
+
+def _holds_each_pitch(seen: Observations, part: np.ndarray) -> np.ndarray:
+    """Whether each part (n, m) has observations enough of every pitch of the turn."""
+    which = np.equal(seen.pitch[part, None], np.arange(seen.pitches_per_rev))
+    return which.sum(axis=1).min(axis=1) >= LOCAL_FIT.min_of_each_pitch
 
 
 def _mean_monomials(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Means (m, 3) of 1, t and t^2 over spans from a (m,) to b (m,)."""
-    return np.column_stack([np.ones_like(a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0])
+    """Means (..., 3) of 1, t and t^2 over spans from a to b."""
+    return np.stack([np.ones_like(a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0], axis=-1)
 
 
 @dataclass(frozen=True)
 class _Solution:
-    """Coefficients (p, 2): of the values without the known force, and of the force. row_weight
-    (m, 1): weight over sigma of each row in the last round. weighted_square: sum of the weighted
-    squared residuals.
+    """Coefficients (n, p, 2): of the values without the known force, and of the force. row_weight
+    (n, m, 1): weight over sigma of each row in the last round. weighted_square (n,): sum of the
+    weighted squared residuals.
     """
 
     coefficients: np.ndarray
     row_weight: np.ndarray
-    weighted_square: float
+    weighted_square: np.ndarray
 
 
 def _robust_solution(
     basis: np.ndarray, value: np.ndarray, sigma: np.ndarray, force: np.ndarray
 ) -> _Solution:
-    """Iteratively reweighted least squares of values (m,) in a basis (m, p)."""
-    weight = np.ones_like(value)
+    """Iteratively reweighted least squares of n problems with values (n, m) in bases (n, m, p)."""
+    weight, both = np.ones_like(value), np.stack([value - force, force], axis=-1)
     for _ in range(LOCAL_FIT.rounds):
-        rows = (weight / sigma)[:, None]
-        coefficients, *_ = np.linalg.lstsq(
-            basis * rows, np.column_stack([value - force, force]) * rows, rcond=None
-        )
-        error = np.abs(value - force - basis @ coefficients[:, 0]) / sigma
-        spread = max(1.0, LOCAL_FIT.spread_factor * float(np.median(error)))
-        limit = LOCAL_FIT.huber_sigmas * spread
+        rows = (weight / sigma)[..., None]
+        q, r = np.linalg.qr(basis * rows)
+        coefficients = np.linalg.solve(r, q.swapaxes(1, 2) @ (both * rows))
+        error = np.abs(both[..., 0] - (basis @ coefficients[..., :1])[..., 0]) / sigma
+        spread = np.maximum(1.0, LOCAL_FIT.spread_factor * np.median(error, axis=1))
+        limit = LOCAL_FIT.huber_sigmas * spread[:, None]
         weight = np.minimum(1.0, limit / np.maximum(error, MIN_RESIDUAL))
-    return _Solution(coefficients, rows, float(np.sum((weight * error) ** 2)))
+    return _Solution(coefficients, rows, np.sum((weight * error) ** 2, axis=1))
 
 
 def row_means(

@@ -18,7 +18,7 @@ from vgroove.gap.residual.local_polynomial import (
     LocalFit,
     Observations,
     Smoothing,
-    local_fit,
+    local_fits,
 )
 from vgroove.gap.residual.sensors import SensorErrors
 
@@ -85,17 +85,27 @@ class StateObserver:
     current_from: Callable[[float, float, float], float]
     from_angle: bool = False
 
-    def state(self, time_s: float) -> tuple[State, float, float]:
-        """Measured state at an instant, its uncertainty in sigmas of the sensors, and the penalty
-        for its slope.
+    def states(self, time_s: np.ndarray) -> list[tuple[State, float, float]]:
+        """For each instant (n,) the measured state, its uncertainty in sigmas of the sensors, and
+        the penalty for its slope.
         """
-        speed = local_fit(self.speed, time_s) if self.speed is not None else NO_FIT
+        unknown = [NO_FIT] * len(time_s)
+        speeds = local_fits(self.speed, time_s) if self.speed is not None else unknown
+        currents = local_fits(self.current, time_s) if self.current is not None else unknown
+        return [
+            self._state(float(instant), speed, current)
+            for instant, speed, current in zip(time_s, speeds, currents, strict=True)
+        ]
+
+    def _state(
+        self, time_s: float, speed: LocalFit, current: LocalFit
+    ) -> tuple[State, float, float]:
+        """As states() for one instant, from its speed and, where it is measured, its current."""
         if not np.isfinite(speed.sigmas):
             return State(np.zeros(3)), np.inf, np.inf
         motion_a = self.current_from(time_s, speed.value, speed.slope)
-        current = LocalFit(motion_a, 0.0, 0.0, 0.0, 0.0)
-        if self.current is not None:
-            current = local_fit(self.current, time_s)
+        if self.current is None:
+            current = LocalFit(motion_a, 0.0, 0.0, 0.0, 0.0)
         value = np.array([current.value, speed.value, self.angle_at(time_s)])
         rates = np.array([[current.slope, current.curvature], [speed.slope, speed.curvature]])
         state = State(value, motion_a, rates, speed.smoothing, speed.value_sigma)
@@ -223,8 +233,8 @@ def _best_known(
     LOCAL_FIT.max_sigmas.
     """
     best, chosen = np.inf, None
-    for row in rows:
-        state, sigmas, slope_penalty = observer.state(float(time_s[row]))
+    states = observer.states(time_s[list(rows)])
+    for row, (state, sigmas, slope_penalty) in zip(rows, states, strict=True):
         if sigmas < LOCAL_FIT.max_sigmas and sigmas + slope_penalty < best - EQUAL_SIGMAS:
             best, chosen = sigmas + slope_penalty, (row, state)
     return chosen
