@@ -272,7 +272,7 @@ VGROOVE_INLINE void run_exact_rows(ExactGroup &g, const LogInput &in, const LogS
             if (b.complete)
                 continue;
         }
-        step_row(g, in, row);
+        step_row<true>(g, in, row);
         write_row(g, in, row++, false, out);
     }
 }

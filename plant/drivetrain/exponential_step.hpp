@@ -162,7 +162,7 @@ VGROOVE_INLINE V motor_breaks_away(const Driven<V> &d, const MotorMatrix<V> &jac
     State<V, N> settled = at[0];
     settled.x[STATE_CURRENT] -= jacobian.ii < 0.0 ? slope_a / jacobian.ii : V{};
     const auto held = [&](V tau, const State<V, N> &s) __attribute__((always_inline)) {
-        return drivetrain_events<V, N>(d.model, d.drive, d.mode, tau, s).shaft;
+        return drivetrain_guards<V, N>(d.model, d.drive, d.mode, tau, s).shaft;
     };
     const V least =
         min_of<V>(held(V{}, settled), min_of<V>(held(0.25 * h, at[1]), held(0.5 * h, at[2])));
@@ -215,7 +215,7 @@ VGROOVE_INLINE ExponentialStep<V, N> exponential_step(const Driven<V> &d, const 
     const Propagators<V> p = propagators<V>(a, h);
     const auto derivative = [&](const Propagator<V> &at, const State<V, N> &s)
         __attribute__((always_inline)) {
-        return drivetrain_derivative<V, N>(d.model, d.drive, d.mode, at.share * h, s);
+        return drivetrain_stage<V, N>(d, at.share * h, s);
     };
     const MotorPair<V> n0 = remainder_of<V, N>(a, y, slope);
     Remainder<V> n{n0, {}, {}};

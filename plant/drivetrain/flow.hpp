@@ -149,8 +149,8 @@ VGROOVE_INLINE FlowTorque<V> flow_torque(const FlowConstants &c, const FlowInput
 // A ramp of the duty behind a supply resistance, in equal parts, each with the resistance at its
 // middle.
 template <class V>
-VGROOVE_INLINE Flow<V> flow_parts(const FlowConstants &c, const FlowInput<V> &in, V source,
-                                  const FlowTorque<V> &t, int parts) {
+VGROOVE_PART Flow<V> flow_parts(const FlowConstants &c, const FlowInput<V> &in, const V &source,
+                                const FlowTorque<V> &t, int parts) {
     const V h = in.h * (1.0 / parts);
     Flow<V> whole{};
     whole.e11 = whole.e22 = splat<V>(1.0);

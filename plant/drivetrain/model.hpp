@@ -199,9 +199,13 @@ VGROOVE_INLINE V unless_blocked(const Drive<V> &in, const Mode<V> &mode, V deriv
 template <class V, int N>
 VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const Drive<V> &in,
                                                  const Mode<V> &mode, V tau, const State<V, N> &s) {
-    State<V, N> ds{};
+    // States that every drivetrain has are set once each: clearing all of them first takes time.
+    State<V, N> ds;
+    for (int n = STATE_CORE_COUNT; n < N; ++n)
+        ds.x[n] = V{};
     const Electrical<V> e = drivetrain_electrical<V, N>(m, in, mode, tau, s);
     const V w = s.x[STATE_SPEED];
+    ds.x[STATE_CURRENT] = V{};
     if (m.input != InputKind::CURRENT) {
         const V slope = motor_current_slope<V>(m.motor, e.terminal_v, e.r, e.i, e.k, w, e.brush_v);
         ds.x[STATE_CURRENT] = unless_blocked<V>(in, mode, slope);
@@ -260,6 +264,33 @@ VGROOVE_INLINE Events<V> drivetrain_events(const Drivetrain<V> &m, const Drive<V
     const V open = mode.diode == 0.0 ? blocked : mode.diode * s.x[STATE_CURRENT];
     g.diode = in.open > 0.0 ? open : splat<V>(1.0);
     return g;
+}
+
+// drivetrain_events and drivetrain_derivative as functions that stay apart from their callers
+template <class V, int N>
+VGROOVE_PART Events<V> drivetrain_guards(const Drivetrain<V> &m, const Drive<V> &in,
+                                         const Mode<V> &mode, const V &tau, const State<V, N> &s) {
+    return drivetrain_events<V, N>(m, in, mode, tau, s);
+}
+template <class V, int N>
+VGROOVE_PART State<V, N> drivetrain_slope(const Drivetrain<V> &m, const Drive<V> &in,
+                                          const Mode<V> &mode, const V &tau, const State<V, N> &s) {
+    return drivetrain_derivative<V, N>(m, in, mode, tau, s);
+}
+
+// Explicit and exponential steps of one simulation with the core states take so little time that
+// calls would make them slower: they contain the derivative.
+template <class V, int N>
+constexpr bool IN_ONE_PIECE = LaneTraits<V>::COUNT == 1 && N == STATE_CORE_COUNT;
+
+// Derivative in a stage of an explicit or exponential step
+template <class V, int N>
+VGROOVE_INLINE State<V, N> drivetrain_stage(const Driven<V> &d, const V &tau,
+                                            const State<V, N> &s) {
+    if constexpr (IN_ONE_PIECE<V, N>)
+        return drivetrain_derivative<V, N>(d.model, d.drive, d.mode, tau, s);
+    else
+        return drivetrain_slope<V, N>(d.model, d.drive, d.mode, tau, s);
 }
 
 }  // namespace vgroove

@@ -223,8 +223,8 @@ VGROOVE_INLINE void write_exhausted(Group<V, N> &g, std::size_t at, std::size_t 
 }
 
 template <class V, int N>
-VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t row, bool start,
-                              const LogOutput &out) {
+VGROOVE_PART void write_row(Group<V, N> &g, const LogInput &in, std::size_t row, bool start,
+                            const LogOutput &out) {
     const Solver<V, N> &s = g.solver;
     const WheelState<V> wheel{
         sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED],
@@ -284,8 +284,8 @@ VGROOVE_INLINE void settle_currents(Group<V, N> &g, const LogInput &in, const Lo
 }
 
 template <class V, int N>
-VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
-                                std::size_t which) {
+VGROOVE_PART void reset_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
+                              std::size_t which) {
     const std::size_t row = starts.rows[which];
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         const std::size_t batch = starts.per_row ? g.batch_row[lane] * starts.rows.size() : 0;
@@ -332,7 +332,7 @@ inline void skip_slow_states(Solver<V, N> &s, int lane, double square_a2, double
 // A row that is not simulated: the shaft keeps its state, and the slow states follow the measured
 // current in closed form.
 template <class V, int N>
-inline void skip_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
+VGROOVE_PART void skip_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
     Solver<V, N> &s = g.solver;
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         Cursor &c = g.cursor[lane];
@@ -347,14 +347,21 @@ inline void skip_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
     }
 }
 
+// Begins a row in every lane.
 template <class V, int N>
-VGROOVE_INLINE void step_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
-    if (log_input_skips(in, row))
-        return skip_row(g, in, row);
+VGROOVE_PART void begin_rows(Group<V, N> &g, const LogInput &in, std::size_t row) {
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
         begin_row(g, in, row, lane);
     flush_tiny(g.solver.state);
-    solver_run(
+}
+
+// EXACT: the drivetrain is linear between events.
+template <bool EXACT, class V, int N>
+VGROOVE_INLINE void step_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
+    if (log_input_skips(in, row))
+        return skip_row(g, in, row);
+    begin_rows(g, in, row);
+    solver_run<EXACT>(
         g.solver, [&](int lane)
                       __attribute__((always_inline)) { return next_stretch(g, in, row, lane); });
 }
@@ -367,7 +374,7 @@ VGROOVE_INLINE void run_group(Group<V, N> &g, const LogInput &in, const LogStart
         if (g.cancellation && row % CANCEL_CHECK_ROWS == 0)
             g.cancellation->check();
         if (row > starts.rows.front())
-            step_row(g, in, row);
+            step_row<false>(g, in, row);
         const bool start = which < starts.rows.size() && starts.rows[which] == row;
         if (start)
             reset_group(g, in, starts, which++);

@@ -1,4 +1,5 @@
 // Rows of one parameter set by exact affine maps.
+#define VGROOVE_PARTS_CLONED
 #include "drivetrain/exact_rows.hpp"
 #include "drivetrain/run_rows.hpp"
 

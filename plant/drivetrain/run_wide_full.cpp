@@ -1,5 +1,6 @@
 // Rows of eight parameter sets at once by the solver with error control, all states. A file of its
-// own because it takes a minute to compile.
+// own, so that it is compiled beside the other loops.
+#define VGROOVE_PARTS_CLONED
 #include "drivetrain/run_rows.hpp"
 
 namespace vgroove {

@@ -81,8 +81,7 @@ template <class V, int N> VGROOVE_INLINE void settle_current(Solver<V, N> &s, co
     SteadyCurrent current[LaneTraits<V>::COUNT];
     bool busy = true;
     for (int n = 0; n < STEADY_ITERATIONS && busy; ++n) {
-        const State<V, N> slope =
-            drivetrain_derivative<V, N>(s.model, s.drive, s.mode, V{}, s.state);
+        const State<V, N> slope = drivetrain_slope<V, N>(s.model, s.drive, s.mode, V{}, s.state);
         const V rate = rate_of_current<V, N>(s.model, s.drive, s.mode, s.state);
         busy = false;
         for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {

@@ -96,7 +96,8 @@ VGROOVE_INLINE void solver_begin(Solver<V, N> &self, int lane, double length_s) 
 }
 
 // Runs until every lane is at the end of its stretch and next_stretch(lane) begins no other one.
-template <class V, int N, class NextStretch>
+// EXACT: the drivetrain is linear between events.
+template <bool EXACT, class V, int N, class NextStretch>
 VGROOVE_INLINE void solver_run(Solver<V, N> &self, NextStretch &&next_stretch) {
     for (;;) {
         bool busy = false;
@@ -110,11 +111,11 @@ VGROOVE_INLINE void solver_run(Solver<V, N> &self, NextStretch &&next_stretch) {
         }
         if (!busy)
             return;
-        const Trial<V, N> a = solver_step(self, h);
+        const Trial<V, N> a = solver_step<EXACT>(self, h);
         const Events<V> after = solver_events<V, N>(self, h, a.state);
-        Events<V> before{};
+        Events<V> before;  // used where an event has been met
         if (any_event(after))
-            before = drivetrain_events<V, N>(self.model, self.drive, self.mode, V{}, self.state);
+            before = drivetrain_guards<V, N>(self.model, self.drive, self.mode, V{}, self.state);
         for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
             if (self.next_s[lane] > 0.0 && solver_spend_step(self, lane))
                 solver_judge(self, a, before, after, lane);

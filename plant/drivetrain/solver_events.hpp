@@ -39,7 +39,7 @@ VGROOVE_INLINE void solver_rest(Solver<V, N> &self, int lane, bool shaft, bool o
             set(self.state.x[STATE_OUTPUT_SPEED], lane, 0.0);
         }
     }
-    const Events<V> g = drivetrain_events<V, N>(self.model, self.drive, self.mode, V{}, self.state);
+    const Events<V> g = drivetrain_guards<V, N>(self.model, self.drive, self.mode, V{}, self.state);
     if (shaft)
         set(self.mode.slide, lane, sign_of(get(g.excess, lane)));
     if (output)
@@ -126,7 +126,7 @@ template <class V, int N> VGROOVE_INLINE bool solver_all_slide(const Solver<V, N
 template <class V, int N>
 VGROOVE_INLINE Events<V> solver_events(const Solver<V, N> &self, V h, const State<V, N> &s) {
     if (!solver_all_slide(self))
-        return drivetrain_events<V, N>(self.model, self.drive, self.mode, h, s);
+        return drivetrain_guards<V, N>(self.model, self.drive, self.mode, h, s);
     Events<V> g{};
     g.shaft = self.mode.slide * s.x[STATE_SPEED];
     g.output = splat<V>(1.0);

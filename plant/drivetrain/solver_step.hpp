@@ -35,45 +35,49 @@ VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, V h, const State<V, N> &e,
     return abs_of<V>(h) * worst * error_scale;
 }
 
+// Writes the trial step to a.
 template <class V, int N>
-VGROOVE_INLINE Trial<V, N> solver_try_explicit(const Solver<V, N> &self, V h) {
+VGROOVE_INLINE void solver_explicit(const Solver<V, N> &self, const V &h, Trial<V, N> &a) {
     constexpr StageSum SUM = StageSum::COMMON_FACTOR;
     const Drivetrain<V> &m = self.model;
     StageSlopes<V, N> k;
     State<V, N> error;
-    Trial<V, N> a;
     dormand_prince_stages<SUM, V, N>(
         self.state, self.slope, h,
         k, [&](V tau, const State<V, N> &s, State<V, N> &to) __attribute__((always_inline)) {
             // Constructed in place: a copy would wait for the stores of its components.
             ::new (static_cast<void *>(&to))
-                State<V, N>(drivetrain_derivative<V, N>(m, self.drive, self.mode, tau, s));
+                State<V, N>(drivetrain_stage<V, N>({m, self.drive, self.mode}, tau, s));
         });
     dormand_prince_end<SUM, V, N>(self.state, self.slope, h, k, a.state);
-    a.slope = drivetrain_derivative<V, N>(m, self.drive, self.mode, h, a.state);
+    a.slope = drivetrain_stage<V, N>({m, self.drive, self.mode}, h, a.state);
     dormand_prince_error<V, N>(self.slope, k, a.slope, error);
     a.error = solver_error<V, N>(m, h, error, self.error_scale);
-    return a;
 }
 
 template <class V, int N>
-VGROOVE_INLINE Trial<V, N> solver_try_stiff(const Solver<V, N> &self, const Rates<V> &rates, V h) {
+VGROOVE_PART void solver_try_explicit(const Solver<V, N> &self, const V &h, Trial<V, N> &a) {
+    solver_explicit(self, h, a);
+}
+
+template <class V, int N>
+VGROOVE_PART void solver_try_stiff(const Solver<V, N> &self, const Rates<V> &rates, const V &h,
+                                   Trial<V, N> &a) {
     const RosenbrockStep<V, N> end =
         stiff_step<V, N>({self.model, self.drive, self.mode}, rates, h, self.state, self.slope);
-    Trial<V, N> a;
     a.state = end.state;
-    a.slope = drivetrain_derivative<V, N>(self.model, self.drive, self.mode, h, a.state);
+    a.slope = drivetrain_slope<V, N>(self.model, self.drive, self.mode, h, a.state);
     a.error = solver_error<V, N>(self.model, h, end.error, self.error_scale);
-    return a;
 }
 
 template <class V, int N>
-VGROOVE_INLINE Trial<V, N> solver_try_exponential(const Solver<V, N> &self, const Rates<V> &rates,
-                                                  V h) {
+VGROOVE_PART void solver_try_exponential(const Solver<V, N> &self, const Rates<V> &rates,
+                                         const V &h, Trial<V, N> &a) {
     const ExponentialStep<V, N> end = exponential_step<V, N>({self.model, self.drive, self.mode},
                                                              rates, h, self.state, self.slope);
-    return {end.state, end.slope,
-            solver_error<V, N>(self.model, splat<V>(1.0), end.error, self.error_scale)};
+    a.state = end.state;
+    a.slope = end.slope;
+    a.error = solver_error<V, N>(self.model, splat<V>(1.0), end.error, self.error_scale);
 }
 
 enum class StepMethod { EXPLICIT, ROSENBROCK, EXPONENTIAL };
@@ -98,15 +102,14 @@ VGROOVE_INLINE StepMethod solver_method(const Solver<V, N> &self, double rate, d
 template <class V, int N>
 VGROOVE_INLINE void solver_take(Trial<V, N> &all, const Trial<V, N> &one, const StepMethod *method,
                                 StepMethod its) {
-    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
-        if (method[lane] != its)
-            continue;
-        for (int n = 0; n < N; ++n) {
-            set(all.state.x[n], lane, get(one.state.x[n], lane));
-            set(all.slope.x[n], lane, get(one.slope.x[n], lane));
-        }
-        set(all.error, lane, get(one.error, lane));
+    V takes{};
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
+        set(takes, lane, method[lane] == its ? 1.0 : 0.0);
+    for (int n = 0; n < N; ++n) {
+        all.state.x[n] = takes > 0.0 ? one.state.x[n] : all.state.x[n];
+        all.slope.x[n] = takes > 0.0 ? one.slope.x[n] : all.slope.x[n];
     }
+    all.error = takes > 0.0 ? one.error : all.error;
 }
 
 // Slopes of the lanes whose state, drive or modes have changed
@@ -117,7 +120,7 @@ template <class V, int N> VGROOVE_INLINE void solver_refresh(Solver<V, N> &self)
     if (!any)
         return;
     const State<V, N> slope =
-        drivetrain_derivative<V, N>(self.model, self.drive, self.mode, V{}, self.state);
+        drivetrain_slope<V, N>(self.model, self.drive, self.mode, V{}, self.state);
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         if (!self.slope_stale[lane])
             continue;
@@ -127,15 +130,17 @@ template <class V, int N> VGROOVE_INLINE void solver_refresh(Solver<V, N> &self)
     }
 }
 
+// A step where the drivetrain is linear between events
+template <int N>
+VGROOVE_INLINE Trial<double, N> solver_step_exact(const Solver<double, N> &self, double h) {
+    Trial<double, N> a{};
+    a.state = flow_state<N>({self.model, self.drive, self.mode}, h, self.state, a.error);
+    a.error /= SOLVER_RAMP_ERROR * self.model.current_scale;
+    return a;
+}
+
 // A step of length h in each lane; a lane with h = 0 stays where it is.
-template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step(Solver<V, N> &self, V h) {
-    if constexpr (LaneTraits<V>::COUNT == 1)
-        if (self.exact) {
-            Trial<V, N> a{};
-            a.state = flow_state<N>({self.model, self.drive, self.mode}, h, self.state, a.error);
-            a.error /= SOLVER_RAMP_ERROR * self.model.current_scale;
-            return a;
-        }
+template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step_adaptive(Solver<V, N> &self, V h) {
     solver_refresh(self);
     const Rates<V> rates = stiff_rates<V, N>(self.model, self.drive, self.mode, self.state);
     const V fastest = fastest_rate<V>(rates);
@@ -149,15 +154,42 @@ template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step(Solver<V, N> &s
         if (get(h, lane) != 0.0)
             uses[static_cast<int>(method[lane])] = true;
     }
-    Trial<V, N> a{};
-    if (uses[static_cast<int>(StepMethod::EXPLICIT)])
-        a = solver_try_explicit(self, h);
-    if (uses[static_cast<int>(StepMethod::ROSENBROCK)])
-        solver_take(a, solver_try_stiff(self, rates, h), method, StepMethod::ROSENBROCK);
-    if constexpr (N == STATE_CORE_COUNT)
-        if (uses[static_cast<int>(StepMethod::EXPONENTIAL)])
-            solver_take(a, solver_try_exponential(self, rates, h), method, StepMethod::EXPONENTIAL);
+    const bool nonstiff = uses[static_cast<int>(StepMethod::EXPLICIT)],
+               stiff = uses[static_cast<int>(StepMethod::ROSENBROCK)];
+    Trial<V, N> a;  // by the first method that is used
+    if (nonstiff) {
+        if constexpr (IN_ONE_PIECE<V, N>)
+            solver_explicit(self, h, a);
+        else
+            solver_try_explicit(self, h, a);
+    }
+    if (stiff && !nonstiff) {
+        solver_try_stiff(self, rates, h, a);
+    } else if (stiff) {
+        Trial<V, N> one;
+        solver_try_stiff(self, rates, h, one);
+        solver_take(a, one, method, StepMethod::ROSENBROCK);
+    }
+    if constexpr (N == STATE_CORE_COUNT) {
+        const bool exponential = uses[static_cast<int>(StepMethod::EXPONENTIAL)];
+        if (exponential && !nonstiff && !stiff) {
+            solver_try_exponential(self, rates, h, a);
+        } else if (exponential) {
+            Trial<V, N> one;
+            solver_try_exponential(self, rates, h, one);
+            solver_take(a, one, method, StepMethod::EXPONENTIAL);
+        }
+    }
     return a;
+}
+
+// EXACT: the drivetrain is linear between events.
+template <bool EXACT, class V, int N>
+VGROOVE_INLINE Trial<V, N> solver_step(Solver<V, N> &self, V h) {
+    if constexpr (EXACT)
+        return solver_step_exact(self, h);
+    else
+        return solver_step_adaptive(self, h);
 }
 
 }  // namespace vgroove

@@ -141,7 +141,7 @@ VGROOVE_INLINE RosenbrockStep<V, N> stiff_step(const Driven<V> &d, const Rates<V
         [&](const State<V, N> &f, const State<V, N> &sum)
             __attribute__((always_inline)) { return stiff_slope<V, N>(r, c, h, f, sum); },
         [&](V tau, const State<V, N> &s) __attribute__((always_inline)) {
-            return drivetrain_derivative<V, N>(d.model, d.drive, d.mode, tau, s);
+            return drivetrain_slope<V, N>(d.model, d.drive, d.mode, tau, s);
         });
 }
 

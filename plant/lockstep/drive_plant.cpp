@@ -21,7 +21,7 @@ __attribute__((flatten)) static void run_solver(DriveSolver &s, double period_s)
     flush_tiny(s.state);
     solver_grant_steps(s, 0, 1, period_s);
     solver_begin(s, 0, period_s);
-    solver_run(
+    solver_run<false>(
         s, [](int) __attribute__((always_inline)) { return false; });
 }
 

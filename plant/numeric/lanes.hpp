@@ -30,6 +30,16 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 #define VGROOVE_CLONES_APART __attribute__((noinline))
 #endif
 
+// PART: a function that flattened loops call instead of containing it once for each call, because
+// the time of compilation grows faster than the size of a function. A file whose loop has
+// VGROOVE_CLONES defines VGROOVE_PARTS_CLONED before its includes: the clone for an instruction set
+// then calls the parts for the same one.
+#ifdef VGROOVE_PARTS_CLONED
+#define VGROOVE_PART static __attribute__((noinline)) VGROOVE_CLONES
+#else
+#define VGROOVE_PART static __attribute__((noinline, flatten))
+#endif
+
 // Number of simulations from which it is faster to run them together, one in each lane of a vector,
 // than one after the other. With AVX-512 a register holds all eight lanes. Without it a step of the
 // vector takes as long as about seven steps of single simulations, even if few lanes are in use.
