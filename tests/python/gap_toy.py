@@ -198,50 +198,43 @@ class Toy:
         k = p("motor.torque_constant_nm_per_a") * (1 + e("torque_constant.relative"))
         r = p("motor.resistance_ohm") * (1 + e("winding_resistance.relative"))
         inertia = p("motor.inertia_kg_m2") + e("added_inertia.kg_m2")
+        coulomb = p("motor.coulomb_nm") + e("coulomb_friction.torque_nm")
+        viscous = p("motor.viscous_nm_s_per_rad") + e("viscous_friction.nm_s_per_rad")
+        breakaway = e("stribeck_friction.breakaway_nm")
+        stribeck_speed = e("stribeck_friction.speed_rad_s")
+        quadratic = e("quadratic_drag.nm_s2_per_rad2")
+        directional = e("directional_viscous.nm_s_per_rad")
+        forward = e("asymmetric_friction.forward_nm")
+        backward = e("asymmetric_friction.backward_nm")
+        source, brush = p("supply.voltage_v"), e("brush_drop.voltage_v")
+        supply_ohm = e("supply_resistance.resistance_ohm")
         times = (np.arange(commands.size) * DT).reshape(commands.shape)
+        delayed = np.interp(
+            times - e("transport_delay.delay_s")[..., None],
+            np.arange(self.duty.size) * DT,
+            self.duty,
+        )
         rows = []
         for n in range(commands.shape[1]):
-            d = np.interp(
-                times[:, n][None, :] - e("transport_delay.delay_s"),
-                np.arange(self.duty.size) * DT,
-                self.duty,
-            )
+            d = delayed[..., n]
             emf = k * w
-            i = (d * p("supply.voltage_v") - emf) / (
-                r + d * d * e("supply_resistance.resistance_ohm")
-            )
-            drop = np.minimum(np.abs(i) * r, e("brush_drop.voltage_v"))
-            i = i - np.sign(i) * drop / r
-            s = np.tanh(w / 2.0)
-            friction = (p("motor.coulomb_nm") + e("coulomb_friction.torque_nm")) * s + (
-                p("motor.viscous_nm_s_per_rad") + e("viscous_friction.nm_s_per_rad")
-            ) * w
-            friction = (
-                friction
-                + e("stribeck_friction.breakaway_nm")
-                * np.exp(-((w / e("stribeck_friction.speed_rad_s")) ** 2))
-                * s
-            )
-            friction = (
-                friction
-                + e("quadratic_drag.nm_s2_per_rad2") * w * np.abs(w)
-                + e("directional_viscous.nm_s_per_rad") * np.abs(w)
-            )
-            friction = friction + np.where(
-                s > 0,
-                s * e("asymmetric_friction.forward_nm"),
-                s * e("asymmetric_friction.backward_nm"),
-            )
+            i = (d * source - emf) / (r + d * d * supply_ohm)
+            i = i - np.sign(i) * np.minimum(np.abs(i) * r, brush) / r
+            s, size = np.tanh(w / 2.0), np.abs(w)
+            friction = coulomb * s + viscous * w
+            friction = friction + breakaway * np.exp(-((w / stribeck_speed) ** 2)) * s
+            friction = friction + (quadratic * w * size + directional * size)
+            friction = friction + np.where(s > 0, s * forward, s * backward)
             w = w + DT * (k * i - friction) / inertia
-            rows.append(
-                (
-                    i * (1 + e("current_gain.relative")) + e("current_offset.offset_a"),
-                    w * 30 / np.pi * (1 + e("speed_gain.relative")),
-                    p("supply.voltage_v") - e("supply_resistance.resistance_ohm") * d * i,
-                )
-            )
-        stacked = np.stack([np.stack(np.broadcast_arrays(*row)) for row in rows], axis=-1)
-        return stacked.reshape(3, len(theta), -1)
+            rows.append((i, w, d * i))
+        i, w, bus_a = (np.stack(column, axis=-1) for column in zip(*rows, strict=True))
+        seen = (
+            i * (1 + e("current_gain.relative"))[..., None]
+            + e("current_offset.offset_a")[..., None],
+            w * 30 / np.pi * (1 + e("speed_gain.relative"))[..., None],
+            source[..., None] - supply_ohm[..., None] * bus_a,
+        )
+        return np.stack(seen).reshape(3, len(theta), -1)
 
     def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
         """(measured - model) / sigma, (B, n); no effect depends on the angles."""
