@@ -631,9 +631,9 @@ def gap_emps(
     """Force errors of the EMPS benchmark axis as the model grows: mass, + viscous, + Coulomb, +
     offset, + directional viscous friction.
     """
+    _check_outputs(json_path)
     from vgroove.gap.emps import emps_figures, emps_tables
 
-    _check_outputs(json_path)
     figures = emps_figures(directory)
     for table in emps_tables(figures):
         result_console(json_path).print(table)

@@ -103,6 +103,7 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_of_the_refit(
     assert "coulomb_friction" in page and "held-out" in page and "<script src=" not in page
 
 
+@pytest.mark.proof
 def test_an_excluded_effect_is_not_named() -> None:
     tool = rig(effects={"current_offset": {"offset_a": 0.8}})
     log = drive_log(tool, seconds=2.0, levels=[(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)])
@@ -113,7 +114,10 @@ def test_an_excluded_effect_is_not_named() -> None:
         diagnose([log], rig(), DiagnosisOptions(without=["warp_drive"]))
 
 
-@pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (np.inf, None)])
+@pytest.mark.parametrize(
+    ("visible", "form"),
+    [(0.1, "edges"), pytest.param(np.inf, None, marks=pytest.mark.proof)],
+)
 def test_dead_time_is_stated_in_the_form_of_the_specification_where_that_suffices(
     visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -178,6 +178,7 @@ def misplaced(
     return np.concatenate(found_so)
 
 
+@pytest.mark.proof
 def test_edges_of_a_braked_shaft_are_located_down_to_timeout_samples() -> None:
     """While the shaft slows down a row may report the last edge or the one before, and a timeout
     sample looks like an edge at the row's end.

@@ -105,7 +105,7 @@ def servo_log(
     return MadeLog(ROW_S * np.arange(1, rows + 1), {"voltage_v": voltage, "position_rad": position})
 
 
-@pytest.mark.parametrize("wanted", [strokes, lift])
+@pytest.mark.parametrize("wanted", [strokes, pytest.param(lift, marks=pytest.mark.proof)])
 @pytest.mark.parametrize(
     ("more", "effect", "size"),
     [

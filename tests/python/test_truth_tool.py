@@ -214,6 +214,7 @@ def test_seal_refuses_a_changed_file_and_a_wrong_commitment(tmp_path: Path) -> N
         sealed.open_sealed(shut.path, shut.commitment)
 
 
+@pytest.mark.proof
 def test_of_ten_seeds_one_has_no_effect_and_one_is_outside_the_catalogue() -> None:
     answers = [sealed.draw_answer(seed) for seed in range(1, 11)]
     assert sorted(answer["label"] for answer in answers) == ["effect"] * 8 + ["none", "unlisted"]
