@@ -154,8 +154,8 @@ template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step_adaptive(Solver
         if (get(h, lane) != 0.0)
             uses[static_cast<int>(method[lane])] = true;
     }
-    const bool nonstiff = uses[static_cast<int>(StepMethod::EXPLICIT)],
-               stiff = uses[static_cast<int>(StepMethod::ROSENBROCK)];
+    const bool nonstiff = uses[static_cast<int>(StepMethod::EXPLICIT)];
+    const bool stiff = uses[static_cast<int>(StepMethod::ROSENBROCK)];
     Trial<V, N> a;  // by the first method that is used
     if (nonstiff) {
         if constexpr (IN_ONE_PIECE<V, N>)

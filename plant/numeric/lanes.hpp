@@ -33,7 +33,8 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 // PART: a function that flattened loops call instead of containing it once for each call, because
 // the time of compilation grows faster than the size of a function. A file whose loop has
 // VGROOVE_CLONES defines VGROOVE_PARTS_CLONED before its includes: the clone for an instruction set
-// then calls the parts for the same one.
+// then calls the parts for the same one. A part is static, a copy in each file: only functions that
+// are static or always inlined call it.
 #ifdef VGROOVE_PARTS_CLONED
 #define VGROOVE_PART static __attribute__((noinline)) VGROOVE_CLONES
 #else

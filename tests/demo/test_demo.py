@@ -46,7 +46,7 @@ def test_a_tool_without_a_catalogued_effect_needs_the_verdict_of_its_kind(label:
     assert not demo.is_right(verdict("unlisted" if label == "none" else "none"), answer)
 
 
-@pytest.mark.parametrize("tool", [pytest.param("impact", marks=pytest.mark.proof), "drive"])
+@pytest.mark.parametrize("tool", ["impact", pytest.param("drive", marks=pytest.mark.proof)])
 def test_demo_names_the_sealed_effect(
     tool: str, tmp_path: Path, simulated_gap: Callable[[Path, Path], float]
 ) -> None:

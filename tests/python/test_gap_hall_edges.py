@@ -178,32 +178,30 @@ def misplaced(
     return np.concatenate(found_so)
 
 
-@pytest.mark.proof
-def test_edges_of_a_braked_shaft_are_located_down_to_timeout_samples() -> None:
+BRAKED = [
+    (pulses, log_hz, decay_s)
+    for pulses, log_hz in ((2, 300), (4, 500))
+    for decay_s in (0.03, 0.05, 0.08)
+]
+
+
+@pytest.mark.parametrize(
+    "braked",
+    [pytest.param(BRAKED, marks=pytest.mark.proof, id="all"), pytest.param(BRAKED[4:5], id="one")],
+)
+def test_edges_of_a_braked_shaft_are_located_down_to_timeout_samples(
+    braked: list[tuple[int, int, float]],
+) -> None:
     """While the shaft slows down a row may report the last edge or the one before, and a timeout
     sample looks like an edge at the row's end.
     """
     shares = []
-    for pulses, log_hz in ((2, 300), (4, 500)):
-        for decay_s in (0.03, 0.05, 0.08):
-            shares.append(
-                np.mean(
-                    misplaced(
-                        pulses, log_hz, lambda since, decay_s=decay_s: np.exp(-since / decay_s)
-                    )
-                )
-            )
-            shares.append(
-                np.mean(
-                    misplaced(
-                        pulses,
-                        log_hz,
-                        lambda since, decay_s=decay_s: np.maximum(
-                            1.0 - 0.5 * since / decay_s, 0.02
-                        ),
-                    )
-                )
-            )
+    for pulses, log_hz, decay_s in braked:
+        brakes = (
+            lambda since, decay_s=decay_s: np.exp(-since / decay_s),
+            lambda since, decay_s=decay_s: np.maximum(1.0 - 0.5 * since / decay_s, 0.02),
+        )
+        shares += [np.mean(misplaced(pulses, log_hz, brake)) for brake in brakes]
     assert np.mean(shares) < 0.01
 
 

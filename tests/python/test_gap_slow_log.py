@@ -129,21 +129,56 @@ def test_an_open_bridge_of_instants_is_shifted_with_the_command() -> None:
     assert not load_problem([log], slow_tool()).runs[0].bridge_closed[100]
 
 
-@pytest.mark.parametrize(("late_rows", "said"), [(0, False), (1, True)])
+def bridge_log(off: np.ndarray, is_open: np.ndarray) -> MadeLog:
+    """A log of instants whose command is 0 in the rows `off` and whose bridge is open as stated."""
+    log = slow_log(0.02)
+    log.columns["voltage_v"] = np.where(off, 0.0, 8.0)
+    log.columns["coast"] = is_open.astype(float)
+    return log
+
+
+def closed_bridge(log: MadeLog) -> tuple[np.ndarray, bool]:
+    """Rows before which the bridge is closed, and whether it is said that coast is late."""
+    problem = load_problem([log], slow_tool("after"))
+    late = any("coast changes a row later" in text for text in problem.warnings)
+    return problem.runs[0].bridge_closed, late
+
+
+@pytest.mark.parametrize("late_rows", [0, 1])
 @pytest.mark.parametrize("resumes", [False, True])
 def test_the_bridge_of_instants_opens_as_the_command_becomes_zero(
-    late_rows: int, said: bool, resumes: bool
+    late_rows: int, resumes: bool
 ) -> None:
     """Whether its column is that of the instant, or of the interval that the row closes."""
-    log, row = slow_log(0.02), np.arange(ROWS)
+    row = np.arange(ROWS)
     off = (row >= 100) & ((row < 140) | (not resumes))
-    log.columns["voltage_v"] = np.where(off, 0.0, 8.0)
-    log.columns["coast"] = np.roll(off, late_rows).astype(float)
-    log.columns["coast"][:late_rows] = 0.0
-    problem = load_problem([log], slow_tool("after"))
-    closed = problem.runs[0].bridge_closed
+    closed, late = closed_bridge(bridge_log(off, np.roll(off, late_rows) & (row >= late_rows)))
     np.testing.assert_array_equal(closed[1:], ~off[:-1])
-    assert any("coast follows voltage_v by a row" in text for text in problem.warnings) == said
+    assert late == (late_rows == 1)
+
+
+def test_a_bridge_that_brakes_before_it_opens_is_no_late_column() -> None:
+    row = np.arange(ROWS)
+    is_open = row >= 120
+    closed, late = closed_bridge(bridge_log(row >= 100, is_open))
+    np.testing.assert_array_equal(closed[1:], ~is_open[:-1])
+    assert not late
+
+
+def test_a_command_that_is_never_zero_tells_nothing_of_the_bridges_rows() -> None:
+    row = np.arange(ROWS)
+    is_open = (row < 40) | ((row >= 100) & (row < 140))
+    closed, late = closed_bridge(bridge_log(row < 0, is_open))
+    np.testing.assert_array_equal(closed[1:], ~is_open[:-1])
+    assert not late
+
+
+def test_changes_beside_missing_samples_do_not_make_the_bridge_late() -> None:
+    row = np.arange(ROWS)
+    off = row >= 100
+    log = bridge_log(off, off)
+    log.columns["coast"][100] = np.nan
+    assert not closed_bridge(log)[1]
 
 
 @pytest.mark.parametrize(

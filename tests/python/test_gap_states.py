@@ -51,6 +51,15 @@ def test_a_kink_is_fitted_with_few_rows() -> None:
     assert local_fit(seen(bent, 0.1), 0.085).value == pytest.approx(10.0, abs=0.05)
 
 
+def test_fits_at_many_instants_are_those_at_each() -> None:
+    """Also at instants without observations enough, and where the values reverse or are missing."""
+    values = np.where(TIME < 0.1, 40.0 * (TIME - 0.1), 80.0 * (TIME - 0.1))
+    values += 0.3 * np.random.default_rng(5).normal(size=200)
+    values[150] = np.nan
+    observed, instants = seen(values, 0.3), np.linspace(-0.01, 0.21, 23)
+    assert local_fits(observed, instants) == [local_fit(observed, t) for t in instants]
+
+
 # a force in steps, whose speed a quadratic does not fit
 STEPPED_FORCE = KnownForce(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))
 

@@ -144,7 +144,6 @@ def test_each_panel_has_a_legend_of_its_own_curves() -> None:
     assert figure.layout.legend.y > figure.layout.legend2.y
 
 
-@pytest.mark.proof
 def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
     need_chromium()
     rig = ROOT / "rigs/drill_driver_high.toml"

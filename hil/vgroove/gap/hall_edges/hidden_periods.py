@@ -13,6 +13,7 @@ BEND_SHARE = 0.02
 # rows: a period longer than this many row intervals is reported by a row of its own, and at most
 # one edge falls into a row; chosen on the tuning half of the blind set
 ONE_EDGE_ROWS = 1.5
+MOST_KEPT = 64  # periods of a span up to which the shares are kept: 64 KiB each at most
 
 
 def counted_edge_times(
@@ -38,12 +39,12 @@ def accelerated_edge_times(previous_s: float, period_s: float, most: int) -> np.
     assumes that n periods lead from a period of previous_s to one of period_s at uniform
     acceleration: the square of the speed then grows linearly with the angle.
     """
-    share, passed = _shares_of_spans(most)
+    shares = _kept_shares if most <= MOST_KEPT else _shares_of_spans
+    share, passed = shares(most)
     rate = 1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) * share
     return (passed / np.sqrt(rate)).sum(axis=1)
 
 
-@lru_cache(maxsize=256)
 def _shares_of_spans(most: int) -> tuple[np.ndarray, np.ndarray]:
     """For spans of 1, 2, ... `most` periods (rows) and each period (columns): the share of the span
     at the period's end, and 1 if the period is part of the span; both 0 else.
@@ -52,6 +53,9 @@ def _shares_of_spans(most: int) -> tuple[np.ndarray, np.ndarray]:
     share, passed = np.tril(number[None, :] / number[:, None]), np.tri(most)
     share.flags.writeable = passed.flags.writeable = False
     return share, passed
+
+
+_kept_shares = lru_cache(maxsize=MOST_KEPT)(_shares_of_spans)
 
 
 def first_hidden_period(previous_s: float, period_s: float, count: np.ndarray) -> np.ndarray:

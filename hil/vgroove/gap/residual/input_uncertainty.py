@@ -253,7 +253,7 @@ def winding_response(rig: Rig, dt_s: float, command: np.ndarray) -> np.ndarray:
     a, before = np.exp(-r), np.concatenate([command[:1], command[:-1]])
     rise = np.diff(command, prepend=command[0])
     forcing = command - rise / r - a * before + a * rise / r
-    # a loop: the import of scipy.signal would take a second of every diagnosis
+    # scipy.signal.lfilter() as a loop: the import of scipy.signal takes longer than the loop
     ends = accumulate(
         forcing.tolist(), lambda end, force: force + a * end, initial=float(command[0])
     )

@@ -118,19 +118,29 @@ def _open_bridge(log: CleanLog) -> np.ndarray:
     """1 where the bridge is open in the interval before each row (rows,), else 0.
 
     Where rows are instants the column is that of the row's instant, as the command is, or of the
-    interval that the row closes: in the right one of the two the bridge opens as the command
-    becomes 0.
+    interval that the row closes.
     """
-    of_interval = hold_last_value(log.columns["coast"])
-    of_instant = _before_rows(log, of_interval)
-    off = _before_rows(log, hold_last_value(log.columns[log.kind])) == 0.0
-    if np.sum((of_interval != 0.0) != off) >= np.sum((of_instant != 0.0) != off):
-        return of_instant
+    coast = hold_last_value(log.columns["coast"])
+    if log.kind == "current_a" or not log.rig.command_holds_after or not _coast_is_late(log):
+        return _before_rows(log, coast)
     log.warn(
-        f"coast follows {log.kind} by a row: taken as the bridge's state in the interval that the "
-        "row closes"
+        f"coast changes a row later than {log.kind} becomes 0 or ends to be 0: taken as the "
+        "bridge's state in the interval that the row closes"
     )
-    return of_interval
+    return coast
+
+
+def _coast_is_late(log: CleanLog) -> bool:
+    """Whether the bridge opens and closes more often one row after a change of the command to and
+    from 0 than in the row of that change. Changes beside missing samples and thinned rows count as
+    neither.
+    """
+    coast, command = log.columns["coast"], log.columns[log.kind]
+    known = np.isfinite(coast) & np.isfinite(command) & ~log.thinned
+    bridge, zero = np.diff(coast != 0.0), np.diff(command == 0.0)  # changes, from row 1 on
+    bridge, known = bridge[1:], known[2:] & known[1:-1] & known[:-2]
+    late, same = (np.count_nonzero(bridge & known & zero[k : k + len(bridge)]) for k in (0, 1))
+    return late > same
 
 
 def _command(log: CleanLog) -> np.ndarray:
