@@ -35,7 +35,7 @@ VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, V h, const State<V, N> &e,
     return abs_of<V>(h) * worst * error_scale;
 }
 
-// Writes the trial step to a.
+// Tries an explicit step of length h and writes its end, slope and error to a.
 template <class V, int N>
 VGROOVE_INLINE void solver_explicit(const Solver<V, N> &self, const V &h, Trial<V, N> &a) {
     constexpr StageSum SUM = StageSum::COMMON_FACTOR;
@@ -105,11 +105,12 @@ VGROOVE_INLINE void solver_take(Trial<V, N> &all, const Trial<V, N> &one, const 
     V takes{};
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
         set(takes, lane, method[lane] == its ? 1.0 : 0.0);
+    const auto mine = takes > 0.0;
     for (int n = 0; n < N; ++n) {
-        all.state.x[n] = takes > 0.0 ? one.state.x[n] : all.state.x[n];
-        all.slope.x[n] = takes > 0.0 ? one.slope.x[n] : all.slope.x[n];
+        all.state.x[n] = mine ? one.state.x[n] : all.state.x[n];
+        all.slope.x[n] = mine ? one.slope.x[n] : all.slope.x[n];
     }
-    all.error = takes > 0.0 ? one.error : all.error;
+    all.error = mine ? one.error : all.error;
 }
 
 // Slopes of the lanes whose state, drive or modes have changed

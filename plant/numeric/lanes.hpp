@@ -30,11 +30,12 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 #define VGROOVE_CLONES_APART __attribute__((noinline))
 #endif
 
-// PART: a function that flattened loops call instead of containing it once for each call, because
-// the time of compilation grows faster than the size of a function. A file whose loop has
-// VGROOVE_CLONES defines VGROOVE_PARTS_CLONED before its includes: the clone for an instruction set
-// then calls the parts for the same one. A part is static, a copy in each file: only functions that
-// are static or always inlined call it.
+// VGROOVE_PART: a function that is not inlined, although its callers are flattened. Inlined at
+// every call it would make them so large that they take several times as long to compile. A source
+// file that contains a function with VGROOVE_CLONES defines VGROOVE_PARTS_CLONED before its
+// includes: its parts are then compiled for the same instruction sets, and each clone calls the
+// parts of its own. Parts have internal linkage (static), so that only functions that are static or
+// always inlined may call them.
 #ifdef VGROOVE_PARTS_CLONED
 #define VGROOVE_PART static __attribute__((noinline)) VGROOVE_CLONES
 #else

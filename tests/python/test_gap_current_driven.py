@@ -35,7 +35,7 @@ SERVO = {
 
 
 def servo(**effects: dict) -> Rig:
-    """Rig of the servo drive, with these effects."""
+    """Rig of the drive SERVO with entries of its table [effects]."""
     return rig_from_dict(SERVO | {"effects": effects}, "the test's drive")
 
 
@@ -53,7 +53,9 @@ def servo_log(tool: Rig, seed: int) -> Log:
 
 
 def gap_of(rig: Rig, log: Log, restart_s: float | None = None) -> float:
-    """Gap of a rig to a log with restarts at this interval (None: the usual one)."""
+    """Gap between a log and the simulation of a rig that restarts every restart_s seconds (None: at
+    the interval that a diagnosis uses).
+    """
     return compute_gap(rig, [log], restart_s=restart_s)[0]["gap"]
 
 

@@ -174,10 +174,10 @@ def test_a_command_that_is_never_zero_tells_nothing_of_the_bridges_rows() -> Non
 
 
 def test_changes_beside_missing_samples_do_not_make_the_bridge_late() -> None:
-    row = np.arange(ROWS)
-    off = row >= 100
+    """Only the row in which the bridge closes with the command, 140, has no value."""
+    off = np.arange(ROWS) < 140
     log = bridge_log(off, off)
-    log.columns["coast"][100] = np.nan
+    log.columns["coast"][140] = np.nan
     assert not closed_bridge(log)[1]
 
 

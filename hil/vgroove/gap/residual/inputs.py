@@ -115,10 +115,10 @@ def _before_rows(log: CleanLog, values: np.ndarray) -> np.ndarray:
 
 
 def _open_bridge(log: CleanLog) -> np.ndarray:
-    """1 where the bridge is open in the interval before each row (rows,), else 0.
+    """State of the bridge in the interval that ends at each row (rows,): 1 open, 0 closed.
 
-    Where rows are instants the column is that of the row's instant, as the command is, or of the
-    interval that the row closes.
+    In a rig whose commands hold after their row, the value of a row in the column `coast` holds
+    after the row as well, or in the interval that ends there (docs/spec/gap.md, section 1).
     """
     coast = hold_last_value(log.columns["coast"])
     if log.kind == "current_a" or not log.rig.command_holds_after or not _coast_is_late(log):

@@ -97,16 +97,17 @@ class Observations:
         return max(LOCAL_FIT.max_distance_s, LOCAL_FIT.max_distance_rows * self.interval_s)
 
     def turn_pattern(self, part: np.ndarray) -> np.ndarray:
-        """Regressors (..., m, pitches - 1) over parts (..., m) of a pattern that repeats every turn
-        and has mean 0, as a share of the value.
+        """Columns (..., m, pitches - 1) of a design matrix for observations with the indices `part`
+        (..., m): a deviation, as a share of the value, that depends on the pitch alone and is 0 on
+        average over a turn.
         """
         which = np.equal(self.pitch[part, None], np.arange(self.pitches_per_rev)).astype(float)
         relative = self.value[part] / np.mean(self.value[part], axis=-1, keepdims=True)
         return (which[..., :-1] - which[..., -1:]) * relative[..., None]
 
     def force_means(self, time_s: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """What the known force adds to parts (n, m) of the values from instants (n,) on; zeros
-        without a known force.
+        """What the known force adds to the values with the indices `part` (n, m), in comparison
+        with the instants (n,); zeros without a known force.
         """
         if self.known_force is None:
             return np.zeros(part.shape)
@@ -235,7 +236,7 @@ def _quadratics(
 def _fit_quadratics(
     seen: Observations, time_s: np.ndarray, part: np.ndarray, with_pattern: bool
 ) -> list[LocalFit]:
-    """Quadratics at instants (n,) through parts (n, m) of the observations."""
+    """Quadratics at instants (n,) through the observations with the indices `part` (n, m)."""
     start, end = seen.start_s[part] - time_s[:, None], seen.end_s[part] - time_s[:, None]
     scale = np.maximum(-start[:, 0], end[:, -1])
     basis = _mean_monomials(start / scale[:, None], end / scale[:, None])
@@ -281,8 +282,9 @@ def shrunk(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
 
 
 def _may_be_fitted(seen: Observations, time_s: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Whether each part (n, m) of the observations lies within max_distance_s of its instant (n,),
-    and one wider than the narrowest contains no reversal: friction and play bend a motion there.
+    """Whether a quadratic at each instant (n,) may be fitted to the observations with the indices
+    `part` (n, m): they are finite and lie within max_distance_s of the instant, and of those of the
+    wider fits all have one sign, since friction and play bend a motion where it reverses.
     """
     value = seen.value[part]
     before, after = time_s - seen.start_s[part[:, 0]], seen.end_s[part[:, -1]] - time_s
@@ -294,13 +296,15 @@ def _may_be_fitted(seen: Observations, time_s: np.ndarray, part: np.ndarray) -> 
 
 
 def _holds_each_pitch(seen: Observations, part: np.ndarray) -> np.ndarray:
-    """Whether each part (n, m) has observations enough of every pitch of the turn."""
+    """Whether the observations with the indices `part` (n, m) hold every pitch of the turn at least
+    LOCAL_FIT.min_of_each_pitch times, for each of the n fits.
+    """
     which = np.equal(seen.pitch[part, None], np.arange(seen.pitches_per_rev))
     return which.sum(axis=1).min(axis=1) >= LOCAL_FIT.min_of_each_pitch
 
 
 def _mean_monomials(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Means (..., 3) of 1, t and t^2 over spans from a to b."""
+    """Mean values (..., 3) of 1, t and t^2 over the intervals from t = a to t = b (...)."""
     return np.stack([np.ones_like(a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0], axis=-1)
 
 

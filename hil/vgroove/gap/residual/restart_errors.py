@@ -65,9 +65,9 @@ def _with_errors(channel: Channel, response: Simulation, restarts: Restarts) -> 
 
 
 def _response_to_speed(drive: _core.LogInput, rig: Rig, restarts: Restarts) -> Simulation:
-    """Change (rows,) of angle, rad, speed, rad/s, and current, A, of the nominal model if the speed
-    at the last restart is higher by one standard deviation; 0 in rows that the simulation does not
-    reach.
+    """Change of the simulated angle (rad), speed (rad/s) and current (A) in each row (rows,) if the
+    simulation starts at every restart with a speed that is higher by its standard deviation; 0 in
+    rows that the simulation does not reach.
     """
     theta = np.repeat(rig.parameters()[None], 2, axis=0)
     states = restarts.states(SensorErrors.of(theta, list(_core.PARAMETERS).index))

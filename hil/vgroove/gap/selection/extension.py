@@ -69,23 +69,32 @@ def added_effects(search: Search, base: Fit) -> list[AddedEffect]:
     """Each further effect beside base. Those of the largest base are cached, because beam search
     and location of the gap use them again.
     """
-    cached = search.cache.added
-    if cached is not None and cached[0] is base:
-        return cached[1]
-    found = list(differentiate_added(search, base, hypotheses_beside(search, base)))
-    if cached is None or len(base.ids) >= len(cached[0].ids):
-        search.cache.added = base, found
+    found = cached_effects(search, base)
+    if found is None:
+        found = list(differentiate_added(search, base, hypotheses_beside(search, base)))
+        largest = search.cache.added
+        if largest is None or len(base.ids) >= len(largest[0].ids):
+            search.cache.added = base, found
     return found
 
 
-def slopes_of_subsystem(search: Search, base: Fit, subsystem: str) -> list[np.ndarray]:
-    """Slopes (n, new) of the effects of one subsystem (AddedEffect.columns)."""
+def cached_effects(search: Search, base: Fit) -> list[AddedEffect] | None:
+    """What added_effects() has cached for this base set, None if nothing."""
     cached = search.cache.added
-    if cached is not None and cached[0] is base:
-        added = cached[1]
-        return [a.columns for a in added if BY_ID[a.hypothesis.ids[-1]].subsystem == subsystem]
-    trials = [h for h in hypotheses_beside(search, base) if BY_ID[h.ids[-1]].subsystem == subsystem]
-    return [one.columns for one in differentiate_added(search, base, trials)]
+    return cached[1] if cached is not None and cached[0] is base else None
+
+
+def slopes_of_subsystem(search: Search, base: Fit, subsystem: str) -> list[np.ndarray]:
+    """Derivatives (n, new) of the residuals with respect to the parameters of each further effect
+    of one subsystem, one array for each effect.
+    """
+    found = cached_effects(search, base)
+    if found is None:
+        trials = [
+            h for h in hypotheses_beside(search, base) if BY_ID[h.ids[-1]].subsystem == subsystem
+        ]
+        return [one.columns for one in differentiate_added(search, base, trials)]
+    return [a.columns for a in found if BY_ID[a.hypothesis.ids[-1]].subsystem == subsystem]
 
 
 def hypotheses_beside(search: Search, base: Fit) -> list[Hypothesis]:

@@ -144,9 +144,9 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
 
 
 def is_less_plausible(search: Search, fuller: Fit, leaner: Fit) -> bool:
-    """Whether a set has implausible parameter values, a smaller set has plausible ones, and the
-    difference of the shares of the reported gap that they close is less than an established member
-    must close.
+    """Whether the smaller set `leaner` is to be preferred for its parameter values: those of
+    `fuller` are implausible and its own are not, and `fuller` closes in addition less of the
+    reported gap than an established member must close.
     """
     more = search.reported_share(fuller) - search.reported_share(leaner)
     implausible = is_implausible(search, fuller) and not is_implausible(search, leaner)
