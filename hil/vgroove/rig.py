@@ -49,12 +49,20 @@ class Rig:
         return self.input.get("bus", "modelled") == "measured"
 
     @property
+    def drive_inertia_kg_m2(self) -> float:
+        """Inertia at the motor's shaft, the gearbox's output referred to it, without the load."""
+        output = self.gearbox["output_inertia_kg_m2"]
+        return self.motor["inertia_kg_m2"] + output / self.gearbox["ratio"] ** 2
+
+    @property
     def shaft_inertia_kg_m2(self) -> float:
-        """Inertia at the motor's shaft, the gearbox's output referred to it."""
-        return (
-            self.motor["inertia_kg_m2"]
-            + self.gearbox["output_inertia_kg_m2"] / self.gearbox["ratio"] ** 2
-        )
+        """Inertia at the motor's shaft: drive_inertia_kg_m2 and a pendulum on the gearbox's output
+        (that of an impact tool hangs on the anvil).
+        """
+        if self.load["kind"] != "pendulum" or self.mechanism["kind"] != "none":
+            return self.drive_inertia_kg_m2
+        pendulum = self.load["mass_kg"] * self.load["length_m"] ** 2
+        return self.drive_inertia_kg_m2 + pendulum / self.gearbox["ratio"] ** 2
 
     def value(self, key: str) -> float:
         """Value of a dotted key such as motor.resistance_ohm, the default where the file leaves it

@@ -103,7 +103,7 @@ def _mechanical_quantities(rig: "Rig") -> list[DerivedQuantity]:
     found = [
         DerivedQuantity(
             "the inertia at the motor with the added one in kg m2",
-            rig.shaft_inertia_kg_m2 + added,
+            rig.drive_inertia_kg_m2 + added,
             1e-12,
             1e6,
             _INERTIA_KEYS,
@@ -113,7 +113,7 @@ def _mechanical_quantities(rig: "Rig") -> list[DerivedQuantity]:
         keys = ("motor.viscous_nm_s_per_rad", *_INERTIA_KEYS)
         found.append(
             DerivedQuantity(
-                "the time constant J / b in s", rig.shaft_inertia_kg_m2 / drag, 1e-5, math.inf, keys
+                "the time constant J / b in s", rig.drive_inertia_kg_m2 / drag, 1e-5, math.inf, keys
             )
         )
     return found
@@ -139,7 +139,7 @@ def _electrical_quantities(rig: "Rig") -> list[DerivedQuantity]:
         ),
         DerivedQuantity(
             "the run-up time constant J R / k^2 in s",
-            rig.shaft_inertia_kg_m2 * resistance / k**2,
+            rig.drive_inertia_kg_m2 * resistance / k**2,
             1e-5,
             1e3,
             run_up,

@@ -17,7 +17,14 @@ from vgroove.gap.fitting.covariance import (
 )
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
-from vgroove.gap.fitting.steps import bounded_step
+from vgroove.gap.fitting.hypothesis import Coordinate, Hypothesis
+from vgroove.gap.fitting.steps import (
+    BOUND_SLACK,
+    RIDGE,
+    RIDGE_SHARE,
+    bounded_step,
+    difference_steps,
+)
 from vgroove.gap.residual.batches import split_by_size, split_by_structure
 from vgroove.gap.selection.intervals import Estimate
 
@@ -40,6 +47,42 @@ def test_bounded_step_is_the_constrained_minimum() -> None:
         [0.4, 1.3],
         rtol=1e-6,
     )
+
+
+def test_a_bounded_step_ends_within_the_bounds_to_the_last_bit() -> None:
+    """The second number leaves its bound by less than what counts as a violation there. A delay of
+    -1e-17 s is outside the plant's range.
+    """
+    low, high = np.full(2, -1.0), np.full(2, 9.0)
+    beyond = (1.0 + RIDGE_SHARE + RIDGE) * (1.0 + 0.5 * BOUND_SLACK)
+    step = bounded_step(np.eye(2), np.array([5.0, beyond]), low, high)
+    assert np.array_equal(step, low)
+
+
+@pytest.mark.parametrize(
+    ("x", "low", "high", "step"),
+    [
+        (0.0, -1.0, 1.0, 0.1),
+        (1.0, -1.0, 1.0, -0.1),
+        (0.01, 0.0, 0.05, 0.04),
+        (0.04, 0, 0.05, -0.04),
+    ],
+)
+def test_a_difference_step_stays_within_the_bounds(
+    x: float, low: float, high: float, step: float
+) -> None:
+    number = Coordinate("one", (0,), (1.0,), 0.0, low, high, step=0.1)
+    h = Hypothesis(("one",), (number,), np.zeros(1))
+    np.testing.assert_allclose(difference_steps(h, np.array([x])), [step], rtol=1e-12)
+
+
+def test_a_change_of_a_stated_size_ends_at_zero_to_the_last_bit() -> None:
+    """The sum of a stated size and a change that takes it away rounds to -1e-17 for some sizes."""
+    for stated in np.random.default_rng(1).uniform(0.0, 1.0, 200):
+        number = Coordinate("one", (0,), (0.04,), 0.0, -stated, 1.0, stated=stated)
+        points = np.nextafter(-stated, [[-1.0], [-stated], [1.0]])
+        found = Hypothesis(("one",), (number,), np.zeros(1)).theta(np.zeros(1), points)
+        assert np.all(found >= 0.0) and np.all(found < 1e-15)
 
 
 @pytest.mark.parametrize(
@@ -148,8 +191,8 @@ def test_phase_and_amplitude_come_from_sine_and_cosine() -> None:
 
 
 def test_available_effects_follow_from_what_a_log_holds() -> None:
-    full = frozenset(
-        {"duty", "voltage", "current", "speed", "supply", "both", "load", "gear", "edges", "output"}
+    full = frozenset({"rows", "motion"}) | frozenset(
+        {"duty", "voltage", "current", "speed", "supply", "both", "load", "edges", "output"}
     )
     impact = {e.id for e in CATALOGUE if e.subsystem in ("mechanism", "load")}
     missing = {e.id for e in CATALOGUE} - {e.id for e in available(full)}

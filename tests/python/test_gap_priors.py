@@ -20,7 +20,7 @@ from vgroove.gap.fitting.coordinates import WIDER, HypothesisBuilder
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate
 from vgroove.gap.residual.loading import load_problem
-from vgroove.gap.selection import search, search_state
+from vgroove.gap.selection import search, search_state, size_prior
 from vgroove.gap.selection.log_content import effect_scales
 from vgroove.rig import Rig, rig_from_dict
 from vgroove.units import RAD_S_PER_RPM
@@ -79,22 +79,30 @@ def test_a_prior_never_decides_against_the_data() -> None:
     for clock in (CRYSTAL, UNKNOWN):
         found = selected(toy, clock)
         assert named_and_rivals(found) == (("clock_skew",), set())
-        assert search.is_implausible(found.search, found.best) is (clock == CRYSTAL)
+        assert size_prior.is_implausible(found.search, found.best) is (clock == CRYSTAL)
 
 
-@pytest.mark.parametrize(("size", "implausible"), [(5.1, False), (5.3, True), (-5.3, True)])
+@pytest.mark.parametrize(
+    ("effect", "size", "implausible"),
+    [
+        ("added_inertia", 5.1, False),
+        ("added_inertia", 5.3, True),
+        ("current_offset", -5.1, False),
+        ("current_offset", -5.3, True),
+    ],
+)
 def test_a_size_is_implausible_below_a_hundredth_of_the_density_at_zero(
-    size: float, implausible: bool
+    effect: str, size: float, implausible: bool
 ) -> None:
     """Student's t of 3 degrees of freedom: (1 + z^2 / 3)^-2 is 0.01 at z = sqrt(27) = 5.196."""
     toy = Toy({})
     engine = Engine(toy, SCALES, {})
-    one = engine.fit(engine.hypotheses([ADDED])[:1], 0)[0]
-    one.x = np.array(
-        [size * ADDED.leading.plausible(SCALES) / one.hypothesis.coordinates[0].factors[0]]
-    )
+    engine.builder.widening[f"effects.{effect}.{BY_ID[effect].leading.name}"] = 100.0
+    one = engine.fit(engine.hypotheses([BY_ID[effect]])[:1], 0)[0]
+    plausible = BY_ID[effect].leading.plausible(SCALES)
+    one.x = np.array([size * plausible / one.hypothesis.coordinates[0].factors[0]])
     state = SimpleNamespace(problem=toy, engine=engine, contradicts_edge_scale=lambda _: False)
-    assert search.is_implausible(state, one) is implausible
+    assert size_prior.is_implausible(state, one) is implausible
     assert search.preference(state, one)[0] is implausible
 
 
@@ -106,14 +114,26 @@ def test_the_prior_density_of_a_set_is_the_product_over_its_members() -> None:
     effects = [ADDED, BY_ID["current_offset"]]
     theta = toy.theta0.copy()
     one = SimpleNamespace(ids=tuple(e.id for e in effects), theta=lambda _: theta)
-    assert search.prior_density(state, one) == 1.0
+    assert size_prior.prior_density(state, one) == 1.0
     for effect, density in zip(effects, (0.25, 0.0625), strict=True):
         theta[toy.index(effect.name(effect.leading))] = np.sqrt(3.0) * effect.leading.plausible(
             SCALES
         )
-        assert search.prior_density(state, one) == pytest.approx(density)
+        assert size_prior.prior_density(state, one) == pytest.approx(density)
     theta[:] = 1e90
-    assert search.prior_density(state, one) > 0.0  # the odds of two such sets stay finite
+    assert size_prior.prior_density(state, one) > 0.0  # the odds of two such sets stay finite
+
+
+def test_the_least_plausible_number_of_an_effect_counts() -> None:
+    """A battery that hardly discharges but drops 40 % of its voltage within a tenth of a second."""
+    toy, droop = Toy({}), BY_ID["supply_droop"]
+    state = SimpleNamespace(problem=toy, engine=Engine(toy, SCALES, {}))
+    theta = toy.theta0.copy()
+    one = SimpleNamespace(ids=(droop.id,), theta=lambda _: theta)
+    for name, z, density in (("volt_per_coulomb", 1.0, 9 / 16), ("polarisation_ohm", 3.0, 1 / 16)):
+        (number,) = (p for p in droop.parameters if p.name == name)
+        theta[toy.index(droop.name(number))] = z * number.plausible(SCALES)
+        assert size_prior.prior_density(state, one) == pytest.approx(density)
 
 
 @pytest.mark.parametrize("effect", ["added_inertia", "magnetic_saturation"])
@@ -131,18 +151,18 @@ def test_the_size_of_an_effect_that_the_rig_states_is_its_change(effect: str) ->
     toy.theta0[column] = stated
     theta = toy.theta0.copy()
     one = SimpleNamespace(ids=(effect,), theta=lambda _: theta)
-    assert search.prior_density(state, one) == 1.0
+    assert size_prior.prior_density(state, one) == 1.0
     theta[column] = changed
-    assert search.prior_density(state, one) == pytest.approx(0.25)
+    assert size_prior.prior_density(state, one) == pytest.approx(0.25)
 
 
 def test_of_a_limit_small_values_are_odd() -> None:
     """A saturation acts at small currents where its limit is small."""
     effect = BY_ID["magnetic_saturation"]
     plausible = effect.leading.plausible(SCALES)
-    assert effect.implausibility(plausible, SCALES, 0.0) == pytest.approx(1.0)
-    assert effect.implausibility(0.1 * plausible, SCALES, 0.0) == pytest.approx(10.0)
-    assert effect.implausibility(10.0 * plausible, SCALES, 0.0) == pytest.approx(0.1)
+    assert effect.leading.implausibility(plausible, SCALES, 0.0) == pytest.approx(1.0)
+    assert effect.leading.implausibility(0.1 * plausible, SCALES, 0.0) == pytest.approx(10.0)
+    assert effect.leading.implausibility(10.0 * plausible, SCALES, 0.0) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.id)
@@ -151,14 +171,14 @@ def test_the_typical_size_of_an_effect_is_plausible(effect: object) -> None:
         return
     size = effect.leading.size(SCALES)
     assert effect.leading.plausible(SCALES) > 0.0
-    assert effect.implausibility(size, SCALES, 0.0) < 5.0
+    assert effect.leading.implausibility(size, SCALES, 0.0) < 5.0
     equal = ((-size, 0.0), (2.0 * size, size), (0.0, -size))
     if effect.leading.key == RELATIVE:  # half of a value is as plausible as twice of it
         inverse = 1.0 / (1.0 + size) - 1.0
         equal = ((inverse, 0.0), (2.0 * size + size**2, size), (0.0, inverse))
     for other, stated in equal:
-        same = effect.implausibility(size, SCALES, 0.0)
-        assert effect.implausibility(other, SCALES, stated) == pytest.approx(same)
+        same = effect.leading.implausibility(size, SCALES, 0.0)
+        assert effect.leading.implausibility(other, SCALES, stated) == pytest.approx(same)
 
 
 @pytest.mark.parametrize(("sensors", "clock"), [({}, UNKNOWN), ({"clock_ppm": 100}, CRYSTAL)])
@@ -291,6 +311,29 @@ def test_a_bound_at_which_a_fit_ends_is_widened_unless_it_is_a_range(
     assert not engine.builder.widen(one)
 
 
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize(
+    ("effect", "widened"), [("gear_eccentricity", True), ("hall_eccentricity", False)]
+)
+def test_either_part_of_an_amplitude_at_its_bound_widens_the_amplitude(
+    effect: str, widened: bool, number: int
+) -> None:
+    """Amplitude times cosine and sine of the phase are fitted, within the same bounds. A wheel that
+    is more eccentric would run backwards.
+    """
+    engine = Engine(Toy({}), SCALES, {})
+    (hypothesis, *_) = engine.hypotheses([BY_ID[effect]])
+    one = engine.fit([hypothesis], 0)[0]
+    one.x = 0.5 * hypothesis.high
+    assert not engine.builder.widen(one)
+    one.x[number] = hypothesis.low[number]
+    assert engine.builder.widen(one) is widened
+    (again, *_) = engine.hypotheses([BY_ID[effect]])
+    factor = WIDER if widened else 1.0
+    np.testing.assert_allclose(again.high, factor * hypothesis.high)
+    np.testing.assert_allclose(again.low, factor * hypothesis.low)
+
+
 @pytest.mark.parametrize(
     ("effect", "stated", "low"),
     [("quadratic_drag", 3e-9, 0.0), ("speed_gain", -0.04, -0.5), ("speed_gain", -0.7, -0.7)],
@@ -420,4 +463,4 @@ def test_the_prior_excludes_a_tied_rival_by_odds_of_more_than_three(
         SimpleNamespace(ids=ids, theta=lambda _, t=t: t, hypothesis=SimpleNamespace(count=count))
         for ids, t, count in (((), theta, 1), ((ADDED.id,), theta, parameters))
     )
-    assert search.prior_excludes(state, rival, best) is excluded
+    assert size_prior.prior_excludes(state, rival, best) is excluded

@@ -27,6 +27,8 @@ VALUES = {
     "motor.torque_constant_nm_per_a": 0.0109,
     "motor.viscous_nm_s_per_rad": 4.5e-6,
     "effects.added_inertia.kg_m2": 2e-6,
+    "load.mass_kg": 2e-3,
+    "load.length_m": 0.3,
     "effects.cogging_torque.torque_nm": 0.0,
     "effects.cogging_torque.periods_per_rev": 3.0,
     "effects.cogging_torque.phase_rad": 0.4,
@@ -124,8 +126,11 @@ def test_no_pattern_is_fitted_where_a_pitch_of_the_turn_has_no_observation() -> 
 
 @pytest.mark.parametrize("rate", [60.0, 900.0, -2500.0])
 @pytest.mark.parametrize("closed", [False, True])
-def test_torque_response_is_that_of_shaft_and_winding(rate: float, closed: bool) -> None:
-    inertia = 1.6e-5 + 2e-6 + 6e-5 / 5.6**2
+@pytest.mark.parametrize("load", ["none", "pendulum"])
+def test_torque_response_is_that_of_shaft_and_winding(rate: float, closed: bool, load: str) -> None:
+    """A pendulum of 2 g at 0.3 m is most of the inertia."""
+    pendulum = 2e-3 * 0.3**2 if load == "pendulum" else 0.0
+    inertia = 1.6e-5 + 2e-6 + (6e-5 + pendulum) / 5.6**2
 
     def slope(t: float, state: np.ndarray) -> list[float]:
         current, speed = state
@@ -142,7 +147,9 @@ def test_torque_response_is_that_of_shaft_and_winding(rate: float, closed: bool)
     ).y[1]
     found = 2.0 * np.mean((speed - speed.mean()) * np.exp(-1j * rate * t)) / 0.01
     run = SimpleNamespace(
-        restarts=SimpleNamespace(rows=np.array([5])), bridge_closed=np.full(10, closed)
+        restarts=SimpleNamespace(rows=np.array([5])),
+        bridge_closed=np.full(10, closed),
+        driving=SimpleNamespace(more={"load_kind": load}),
     )
     assert torque_response(value, run, np.array([rate]))[0] == pytest.approx(found, rel=0.02)
 
@@ -158,7 +165,11 @@ def test_a_start_at_rest_and_a_parameter_set_without_ripple_stay_as_measured(
     restarts = Restarts(
         np.array([0, 100]), measured, np.zeros((2, 2)), np.zeros((2, 2)), smoothing=made_of
     )
-    run = SimpleNamespace(restarts=restarts, bridge_closed=np.zeros(200, dtype=bool))
+    run = SimpleNamespace(
+        restarts=restarts,
+        bridge_closed=np.zeros(200, dtype=bool),
+        driving=SimpleNamespace(more={"load_kind": "none"}),
+    )
     problem = SimpleNamespace(index=NAMES.index)
     plain = np.array([VALUES[name] for name in NAMES])
     with_cogging = plain.copy()

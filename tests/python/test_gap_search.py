@@ -421,6 +421,26 @@ def test_fits_near_the_best_are_continued_to_convergence() -> None:
     assert not found[0].improving and found[1].improving and found[1].cost == brief[1].cost
 
 
+def test_a_fit_near_the_best_is_simulated_though_its_prediction_is_poor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The prediction to first order fails where the folds' steps are long; the fit itself is as
+    good as the best one.
+    """
+    state = begun_search(Toy({"effects.coulomb_friction.torque_nm": 0.006}))
+    (true,) = state.engine.hypotheses([BY_ID["coulomb_friction"]])[:1]
+    (other,) = state.engine.hypotheses([BY_ID["viscous_friction"]])[:1]
+    plain = Engine.predict_first_order
+
+    def poor_of_the_true_one(self: Engine, one: Fit, *more: np.ndarray) -> np.ndarray:
+        found = plain(self, one, *more)
+        return found + 30.0 if one.ids == ("coulomb_friction",) else found
+
+    monkeypatch.setattr(Engine, "predict_first_order", poor_of_the_true_one)
+    found = state.fit_and_keep([true, other])
+    assert found[0].exact and state.score(found[0]) < 1.1 < state.score(found[1])
+
+
 def test_a_set_is_fitted_in_each_of_its_forms() -> None:
     """speed_lag is a lag, a delay or a mean, clock_skew is of the logger's or the command's clock.
     No gradient leads from one form to another, so all six combinations are fitted, whichever the

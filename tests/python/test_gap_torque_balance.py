@@ -23,7 +23,7 @@ from vgroove.gap.residual.torque_balance import (
     BalanceProblem,
     balance_problem,
 )
-from vgroove.gap.selection import search_state
+from vgroove.gap.selection import comparison, search_state
 from vgroove.gap.selection.comparison import BALANCE as TORQUE_BALANCE
 from vgroove.gap.selection.comparison import (
     FORWARD,
@@ -32,7 +32,7 @@ from vgroove.gap.selection.comparison import (
     forward_simulation_fails,
     mean_interval_width,
     reference_fit,
-    reference_fit_with_inertia,
+    reference_fits_with_inertia_or_weight,
 )
 from vgroove.gap.selection.log_content import effect_scales
 from vgroove.gap.selection.search_state import Search
@@ -73,7 +73,7 @@ def simulated_log(tool: Rig, command: np.ndarray, row_s: float = ROW_S) -> MadeL
     """A log without noise of a tool from rest."""
     kind, time_s = tool.input["kind"], row_s * np.arange(len(command))
     rows = _core.simulate_log(
-        _core.LogInput(time_s, kind, command),
+        _core.LogInput(time_s, kind, command, load_kind=tool.load["kind"]),
         tool.parameters()[None],
         np.array([0]),
         np.zeros((1, 3)),
@@ -169,6 +169,32 @@ def test_the_balance_of_a_noiseless_log_is_zero_for_the_true_parameters(
     problem = balance_of(log, tool_of(kind))
     assert torque_rms(problem, coulomb_friction__torque_nm=0.004) < sigmas
     assert torque_rms(problem) > 20.0 * sigmas
+
+
+@pytest.mark.parametrize("ratio", [1.0, 5.6])
+def test_a_pendulum_is_part_of_the_inertia_of_the_balance(ratio: float) -> None:
+    """Its mass times the square of its length is most of the inertia, and no key of [gearbox]."""
+    pendulum = {"kind": "pendulum", "mass_kg": 4e-3, "length_m": 0.2, "zero_rad": 0.3}
+    data = tool_of("current_a").as_dict() | {"load": pendulum}
+    gear = {"ratio": ratio, "output_inertia_kg_m2": 1e-6}
+    tool = rig_from_dict(data | {"gearbox": gear}, "the test's rig")
+    of_pendulum = 4e-3 * 0.2**2 / ratio**2
+    rotor = tool.motor["inertia_kg_m2"] + 1e-6 / ratio**2
+    assert tool.shaft_inertia_kg_m2 == pytest.approx(rotor + of_pendulum)
+    problem = balance_of(simulated_log(tool, gentle("current_a")), tool)
+    assert torque_rms(problem) < 1e-2
+    assert torque_rms(problem, added_inertia__kg_m2=-0.5 * of_pendulum) > 1.0
+
+
+def test_the_balance_grows_with_an_added_inertia_of_any_size() -> None:
+    """In proportion to it, also where it exceeds that of the held shaft: no inertia hides the
+    torque.
+    """
+    tool = tool_of("current_a")
+    problem = balance_of(simulated_log(tool, gentle("current_a")), tool)
+    large = 1e3 * tool.shaft_inertia_kg_m2
+    once, more = (torque_rms(problem, added_inertia__kg_m2=k * large) for k in (1.0, 1e6))
+    assert more == pytest.approx(1e6 * once, rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["current_a", "duty"])
@@ -341,8 +367,35 @@ def test_an_implausible_inertia_does_not_hide_a_failure() -> None:
     heavy = reference_fit(search, WITH_INERTIA)
     assert forward_simulation_fails(search, search.problem, reference_fit(search))
     assert not forward_simulation_fails(search, search.problem, heavy)
-    assert reference_fit_with_inertia(search) is None
+    assert list(reference_fits_with_inertia_or_weight(search)) == []
     assert compared_by(log, tool) == TORQUE_BALANCE
+    with_weight = DiagnosisOptions(
+        without=[e.id for e in CATALOGUE if e.id not in (*WITH_INERTIA, "gear_eccentricity")]
+    )
+    begun = stages.begin_search(load_problem([log], tool), with_weight)
+    assert comparison_of(begun) == TORQUE_BALANCE
+
+
+@pytest.mark.parametrize("weight", [True, False])
+def test_where_the_simulation_fails_for_want_of_a_weight_alone_it_is_kept(
+    weight: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside the weight the simulation shows the friction too, which the balance does not."""
+    tool = tool_of("current_a")
+    pendulum = {"kind": "pendulum", "mass_kg": 0.3, "length_m": 0.2}
+    true = rig_from_dict(tool.as_dict() | {"load": pendulum}, "with its weight")
+    gear = tool.gearbox | {"output_inertia_kg_m2": tool.gearbox["output_inertia_kg_m2"] + 0.012}
+    stated = rig_from_dict(tool.as_dict() | {"gearbox": gear}, "without its weight")
+    log = simulated_log(true, 8.0 * np.sin(1.4 * np.pi * TIME_S))
+    search = begin(log, stated, (*FRICTIONS, "gear_eccentricity"))
+    (one,) = reference_fits_with_inertia_or_weight(search)
+    assert search.score(one) < 0.01 * search.score(reference_fit(search))
+    monkeypatch.setattr(
+        comparison, "forward_simulation_fails", lambda *a: not (weight and len(a[2].ids) == 3)
+    )
+    options = DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in one.ids])
+    begun = stages.begin_search(load_problem([log], stated), options)
+    assert (comparison_of(begun) == FORWARD) is weight
 
 
 def test_a_log_that_is_never_driven_has_no_torque_balance() -> None:

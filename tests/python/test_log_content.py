@@ -49,9 +49,9 @@ def test_what_repeats_is_looked_for_where_it_does_so_twice(effect: object) -> No
         assert has_range(effect, replace(SCALES, turns=100.0, periods=0.21))
         return
     known = effect.periodic.periods_per_rev({}.get, RATIO)
-    here = replace(SCALES, ratio=RATIO, turns=1.01 * MIN_PERIODS / known, periods=known)
+    here = replace(SCALES, ratio=RATIO, repeated_turns=1.01 * MIN_PERIODS / known, periods=known)
     assert repeats(effect, here)
-    assert not repeats(effect, replace(here, turns=0.99 * MIN_PERIODS / known))
+    assert not repeats(effect, replace(here, repeated_turns=0.99 * MIN_PERIODS / known))
     assert not repeats(effect, replace(here, periods=0.99 * known))
 
 

@@ -6,6 +6,7 @@ import copy
 import json
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -234,6 +235,23 @@ def test_a_linear_axis_passes(kind: str) -> None:
     else:
         with pytest.raises(VgrooveError, match="run-up"):
             rig_from_dict(data, "x")
+
+
+def test_a_heavy_pendulum_passes() -> None:
+    """It swings and does not run up: its inertia is part of the shaft's, but of no time constant
+    that is checked. That of an impact tool hangs on the anvil.
+    """
+    data = copy.deepcopy(RIG)
+    data["load"] = {"kind": "pendulum", "mass_kg": 1e5, "length_m": 100.0, "zero_rad": 0.0}
+    found = rig_from_dict(data, "the test's rig")
+    of_drive = data["motor"]["inertia_kg_m2"] + (
+        data["gearbox"]["output_inertia_kg_m2"] / data["gearbox"]["ratio"] ** 2
+    )
+    assert found.drive_inertia_kg_m2 == pytest.approx(of_drive)
+    pendulum = 1e9 / data["gearbox"]["ratio"] ** 2
+    assert found.shaft_inertia_kg_m2 == pytest.approx(of_drive + pendulum)
+    hammering = replace(found, mechanism={"kind": "impact"})
+    assert hammering.shaft_inertia_kg_m2 == pytest.approx(of_drive)
 
 
 def test_files_that_are_not_rigs_are_refused(tmp_path: Path) -> None:

@@ -93,11 +93,12 @@ NEEDS = {
     "current_input": "a current drives the model",
     "current": "a judged current",
     "speed": "a judged speed",
+    "motion": "a judged speed or angle",
+    "rows": "no impact mechanism",
     "supply": "a judged bus voltage",
     "edges": "a speed made from Hall edges",
     "both": "both directions of rotation",
     "load": "a known load torque or a pendulum",
-    "gear": "a gear ratio above 1",
     "output": "a load or an inertia behind the gear",
     "impact": "an impact mechanism",
 }

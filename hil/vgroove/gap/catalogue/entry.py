@@ -27,7 +27,8 @@ class Scales:
     clock: standard deviation of the relative error of the logger's clock. hammering: whether the
     tool has an impact mechanism; of such a tool, else 0: head_rad, the angle (rad) by which the
     joint's head turns in the longest log, and joint_nm, the largest torque (N m) of the joint, both
-    of the rig's simulation. turns: of the motor between the outermost angles of a log.
+    of the rig's simulation. turns: of the motor between the outermost angles of a log;
+    repeated_turns: the same, larger where the motor turns back over them (repeated_range()).
     periods: the largest number of periods a motor turn that the rows resolve.
     edges: whether the speed column is made from Hall edges. least: the
     share that is left of a value of the rig at the lower end of its tolerance, by rig key.
@@ -53,6 +54,7 @@ class Scales:
     head_rad: float = 0.0
     joint_nm: float = 0.0
     turns: float = inf
+    repeated_turns: float = inf
     periods: float = inf
     edges: bool = False
     least: Mapping[str, float] = field(default_factory=dict)
@@ -89,14 +91,13 @@ class Parameter:
     make the simulation stiff). reported: whether a verdict lists the number. key_of: the effect
     under which a rig states this number, if that is another effect. low_is_convention: a number at
     its lower bound is no effect: it describes the logger (Scales.least_delay), or what does not
-    repeat (MIN_PERIODS). physical: which bounds
-    are limits of physics or of docs/spec/gap.md, "low", "high", "both" or "" (0 is one always); the
-    others belong to the search and are widened where a fit ends at them, the lower one as far as
-    widest_low: a fit that ends there has found no size. plausible: of a leading
-    parameter, the scale of the sizes that occur in practice, an estimate of the order of magnitude,
-    and the scale of a prior with heavy tails (of a parameter that is infinite while the effect is
-    off, as a stiffness or a limit: a value that is seldom fallen short of; of a factor 1 +
-    relative the logarithm counts); None: no prior.
+    repeat (MIN_PERIODS). physical: which bounds are limits of physics or of docs/spec/gap.md,
+    "low", "high", "both" or "" (0 is one always); the others belong to the search and are widened
+    where a fit ends at them, the lower one as far as widest_low: a fit that ends there has found no
+    size. plausible: the scale of the sizes that occur in practice, an estimate of the order of
+    magnitude, and the scale of a prior with heavy tails (of a parameter that is infinite while the
+    effect is off, as a stiffness or a limit: a value that is seldom fallen short of; of a factor 1
+    + relative the logarithm counts); None: no prior.
     """
 
     name: str
@@ -116,6 +117,21 @@ class Parameter:
     widest_low: float = -inf
     plausible: OfScales | None = None
     local: bool = False
+
+    def implausibility(self, value: float, scales: Scales, stated: float) -> float:
+        """Change from the value that the rig states, or from that with the effect off, in units of
+        the plausible scale: values far above 1 are implausible; 0 without such a scale. Of a limit
+        or a stiffness the change of the reciprocal counts, of a factor that of its logarithm: half
+        of a value is as plausible as twice of it.
+        """
+        if self.plausible is None:
+            return 0.0
+        plausible = self.plausible(scales)
+        if self.key == RELATIVE:
+            return abs(log1p(value) - log1p(stated)) / log1p(plausible)
+        if self.neutral == OFF_AT_INFINITY:
+            return plausible * abs(_inverse(value) - _inverse(stated))
+        return abs(value - stated) / plausible
 
 
 @dataclass(frozen=True)
@@ -289,21 +305,6 @@ class Effect:
     def column(self, parameter: Parameter) -> str:
         """Name in the plant's parameter vector."""
         return f"effects.{parameter.key_of or self.id}.{parameter.name}"
-
-    def implausibility(self, value: float, scales: Scales, stated: float) -> float:
-        """Change of the effect's leading parameter from the value that the rig states, or from that
-        with the effect off, in units of its plausible scale: values far above 1 are implausible; 0
-        without such a scale. Of a limit or a stiffness the change of the reciprocal counts, of a
-        factor that of its logarithm: half of a value is as plausible as twice of it.
-        """
-        if self.leading.plausible is None:
-            return 0.0
-        plausible = self.leading.plausible(scales)
-        if self.leading.key == RELATIVE:
-            return abs(log1p(value) - log1p(stated)) / log1p(plausible)
-        if self.leading.neutral == OFF_AT_INFINITY:
-            return plausible * abs(_inverse(value) - _inverse(stated))
-        return abs(value - stated) / plausible
 
     def beside(self, ids: Iterable[str]) -> tuple[Parameter, ...]:
         """Parameters that are fitted for it in a set with the effects `ids`: those that are no keys

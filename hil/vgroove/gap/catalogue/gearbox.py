@@ -141,7 +141,7 @@ EFFECTS = (
         "gearbox",
         "T + torque_nm sin(th / N + phase_rad)",
         (torque(), PHASE),
-        needs=("gear",),
+        needs=("rows",),
         periodic=Periodic("torque_nm", OUTPUT_TURN),
         special_case_of=("cogging_torque",),
         switch=("torque_nm",),

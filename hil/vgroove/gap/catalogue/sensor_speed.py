@@ -30,11 +30,12 @@ EFFECTS = (
                 "rad",
                 constant(0.02),
                 high=constant(0.5),
+                physical="high",  # at 1 rad the measured angle runs backwards
                 plausible=constant(0.1),
             ),
             PHASE,
         ),
-        needs=("edges",),
+        needs=("motion",),
         periodic=Periodic("amplitude_rad", 1.0, moves_shaft=False),
         remark="a once-per-turn error of measured speed and angle, not of the shaft",
         switch=("amplitude_rad",),

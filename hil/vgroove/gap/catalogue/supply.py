@@ -39,6 +39,7 @@ EFFECTS = (
                 lambda s: MOST_LOSS * s.volt / s.amp,
                 starts=(0.5,),
                 physical="high",
+                plausible=lambda s: 0.1 * s.volt / s.amp,
             ),
             time_constant("polarisation_s", (0.1, 0.6)),
         ),

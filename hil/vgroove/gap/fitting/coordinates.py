@@ -47,12 +47,12 @@ class HypothesisBuilder:
         """Widen the bounds of the search at which the numbers of a fit end; whether there are
         any.
         """
-        found = [
-            c.name
-            for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
-            if not c.prior and c.role == "plain" and c.ends_at_search_bound(float(x))
-        ]
-        for name in found:
+        found, coordinates = set(), one.hypothesis.coordinates
+        for k, (c, x) in enumerate(zip(coordinates, one.x, strict=True)):
+            if not c.prior and c.ends_at_search_bound(float(x)):
+                # the amplitude of a periodic effect bounds its sine as well as its cosine
+                found.add(coordinates[k - 1 if c.role == "sine" else k].name)
+        for name in sorted(found):
             self.widening[name] = WIDER * self.widening.get(name, 1.0)
         return bool(found)
 
@@ -215,6 +215,7 @@ def _as_sine_and_cosine(pairs: list[Started]) -> list[Started]:
     """
     amplitude, phase = pairs[0][0], pairs[-1][0]
     bound = max(abs(amplitude.high), 1.0)
-    cosine = replace(amplitude, low=-bound, high=bound, role="cosine", physical="")
-    sine = replace(phase, low=-bound, high=bound, role="sine")
+    both = {"low": -bound, "high": bound}
+    both["physical"] = "both" if amplitude.physical in ("high", "both") else ""
+    cosine, sine = replace(amplitude, role="cosine", **both), replace(phase, role="sine", **both)
     return [*pairs[1:-1], (cosine, (RIPPLE_START,)), (sine, (RIPPLE_START,))]

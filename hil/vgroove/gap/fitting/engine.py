@@ -18,7 +18,7 @@ from vgroove.gap.fitting.coordinates import HypothesisBuilder
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.fitting.normal_equations import FoldGroups
 from vgroove.gap.fitting.steps import (
-    difference_steps,
+    needed_steps,
     newton_steps,
     points_along,
     predict_first_order,
@@ -243,7 +243,7 @@ class Engine:
     def _begin(self, hypotheses: Sequence[Hypothesis], with_slopes: bool) -> list[Fit]:
         """Fits at their starts, with Jacobians where a round follows."""
         fits = [self._unfitted(h) for h in hypotheses]
-        steps = [difference_steps(one, one.x) if with_slopes else np.zeros(0) for one in fits]
+        steps = [needed_steps(one, one.x) if with_slopes else np.zeros(0) for one in fits]
         jobs = [
             (one.hypothesis, np.vstack([one.x, points_along(one.x, signed)]))
             for one, signed in zip(fits, steps, strict=True)
@@ -299,7 +299,7 @@ class Engine:
         The columns of the nuisance parameters hardly depend on the effects: those of the model
         without effects are used until a step fails, or `fresh` requires all columns.
         """
-        steps = [difference_steps(one, one.x, fresh) for one in fits]
+        steps = [needed_steps(one, one.x, fresh) for one in fits]
         jobs = [
             (one.hypothesis, points_along(one.x, signed))
             for one, signed in zip(fits, steps, strict=True)
@@ -316,7 +316,7 @@ class Engine:
         shares = np.array([[1.0], [DAMPING.short_step]])
         trials = [one.x + one.damping * shares * self.steps(one)[0] for one in fits]
         steps = [
-            difference_steps(one, trial[0]) if ahead else np.zeros(0)
+            needed_steps(one, trial[0]) if ahead else np.zeros(0)
             for one, trial in zip(fits, trials, strict=True)
         ]
         jobs = [

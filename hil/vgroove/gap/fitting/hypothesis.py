@@ -112,8 +112,10 @@ class Hypothesis:
         for i, c in enumerate(self.coordinates):
             if c.role == "plain":
                 value = np.where(np.abs(x[:, i]) < c.least, 0.0, x[:, i])
+                # The rounded sum may be below a bound of 0, and the plant refuses a negative delay.
+                value = np.clip(c.stated + value, c.stated + c.low, c.stated + c.high)
                 for column, factor in zip(c.columns, c.factors, strict=True):
-                    out[:, column] = c.origin + factor * (c.stated + value)
+                    out[:, column] = c.origin + factor * value
             elif c.role == "logarithm":
                 out[:, c.columns[0]] = c.origin * np.exp(c.factors[0] * x[:, i])
             elif c.role == "cosine":

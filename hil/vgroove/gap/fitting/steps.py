@@ -7,7 +7,7 @@ Method: Nocedal and Wright, Numerical Optimization, 2006: section 10.3 (Gauss-Ne
 
 import numpy as np
 
-from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.fitting.normal_equations import FoldGroups
 
 # Share of the curvature of all rows that is added to a fold's normal equations as a ridge around
@@ -65,14 +65,21 @@ def points_along(x: np.ndarray, steps: np.ndarray) -> np.ndarray:
     return x + np.eye(len(steps), len(x)) * steps[:, None]
 
 
-def difference_steps(one: Fit, x: np.ndarray, fresh: bool = False) -> np.ndarray:
-    """Signed steps (k,) of the differences that the Jacobian at x (p,) needs, away from upper
-    bounds: those of the effects' numbers, and of the nuisance parameters where their columns are
-    not known or asked for fresh.
+def needed_steps(one: Fit, x: np.ndarray, fresh: bool = False) -> np.ndarray:
+    """The difference_steps() (k,) that the Jacobian at x (p,) needs: those of the effects' numbers,
+    and of the nuisance parameters where their columns are not known or asked for fresh.
     """
     fitted = one.hypothesis.count if one.nuisance_slopes_known and not fresh else len(x)
-    steps = one.hypothesis.steps_at(x)
-    return np.where(x + steps > one.hypothesis.high, -steps, steps)[:fitted]
+    return difference_steps(one.hypothesis, x)[:fitted]
+
+
+def difference_steps(h: Hypothesis, x: np.ndarray) -> np.ndarray:
+    """Signed steps (p,) of differences at x (p,), away from upper bounds. Where a step leaves the
+    bounds both ways it ends at the farther one.
+    """
+    steps, up, down = h.steps_at(x), h.high - x, x - h.low
+    farther = np.where(up >= down, up, -down)
+    return np.select([steps <= up, steps <= down], [steps, -steps], farther)
 
 
 def bounded_step(
@@ -97,4 +104,4 @@ def bounded_step(
             break
         step[worst] = np.clip(step[worst], low[worst], high[worst])
         free[worst] = False
-    return step
+    return np.clip(step, low, high)

@@ -8,6 +8,7 @@ import numpy as np
 from vgroove import _core
 from vgroove.gap.catalogue import SEPARATIONS
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.fitting.steps import difference_steps
 from vgroove.gap.next_run.impact_predictions import impact_profiles, predicted_statistics
 from vgroove.gap.next_run.menu import RunProfile, feasible_profiles, time_grid
 from vgroove.gap.residual.impact.problem import ImpactProblem
@@ -176,21 +177,15 @@ def separation(
 
 def parameter_sets(problem: Problem, one: Fit) -> np.ndarray:
     """Parameter vectors (1 + p, P) of a fit and of one step along each of its parameters."""
-    points = np.vstack([one.x, one.x + np.diag(difference_steps(one))])
+    points = np.vstack([one.x, one.x + np.diag(difference_steps(one.hypothesis, one.x))])
     return one.hypothesis.theta(problem.theta0, points)
-
-
-def difference_steps(one: Fit) -> np.ndarray:
-    """Steps (p,) of the differences, away from an upper bound."""
-    size = one.hypothesis.steps_at(one.x)
-    return np.where(one.x + size > one.hypothesis.high, -size, size)
 
 
 def slopes(shown: np.ndarray, one: Fit) -> np.ndarray:
     """Derivatives (p, n) along a fit's parameters of predictions (1 + p, n)."""
     if not len(one.x):
         return np.zeros((0, shown.shape[1]))
-    found = (shown[1:] - shown[0]) / difference_steps(one)[:, None]
+    found = (shown[1:] - shown[0]) / difference_steps(one.hypothesis, one.x)[:, None]
     return np.clip(found, -MAX_SLOPE, MAX_SLOPE)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from vgroove.gap.catalogue import PERIODIC
 from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.restarts import Restarts
+from vgroove.gap.residual.shaft_inertia import shaft_inertia
 
 # amplitude, as a share of the speed, at which the first-order response is reduced to one half, and
 # the order of that reduction: the response assumes a nearly constant speed.
@@ -100,8 +101,7 @@ def torque_response(
     J w' + (b + k^2 / (R + i rate L)) w = -torque; without the last term where the bridge is open or
     a current drives.
     """
-    inertia = value("motor.inertia_kg_m2") + value("effects.added_inertia.kg_m2")
-    inertia += value("gearbox.output_inertia_kg_m2") / value("gearbox.ratio") ** 2
+    inertia = shaft_inertia(value, run.driving.more["load_kind"])
     winding = value("motor.resistance_ohm") + 1j * rate * value("motor.inductance_h")
     closed = run.bridge_closed[run.restarts.rows]
     through_current = value("motor.torque_constant_nm_per_a") ** 2 / winding * closed

@@ -37,6 +37,7 @@ from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.residual.restarts import Restarts
 from vgroove.gap.residual.sensors import SensorErrors
+from vgroove.gap.residual.shaft_inertia import shaft_inertia
 from vgroove.rig import Rig
 from vgroove.units import RAD_S_PER_RPM
 
@@ -176,6 +177,7 @@ class BalanceProblem(Problem):
         inertia = self._inertia(theta)
         held = theta.copy()
         held[:, self.index(MOTOR_INERTIA)] = HELD_INERTIA * self.rig.shaft_inertia_kg_m2
+        held[:, self.index(ADDED_INERTIA)] = 0.0  # would add to that of the held shaft
         found = []
         for run in self.runs:
             simulation = _held_simulation(self, run, held, errors)
@@ -197,9 +199,7 @@ class BalanceProblem(Problem):
 
     def _inertia(self, theta: np.ndarray) -> np.ndarray:
         """Inertia (B,) at the motor shaft."""
-        rotor, added = theta[:, self.index(MOTOR_INERTIA)], theta[:, self.index(ADDED_INERTIA)]
-        ratio = theta[:, self.index("gearbox.ratio")]
-        return rotor + added + theta[:, self.index("gearbox.output_inertia_kg_m2")] / ratio**2
+        return shaft_inertia(lambda name: theta[:, self.index(name)], self.rig.load["kind"])
 
 
 def _held_simulation(

@@ -7,7 +7,7 @@ forward simulation is no prediction, because the errors of that column add up in
 errors-in-variables model: W. A. Fuller, Measurement Error Models, 1987).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,21 +21,25 @@ from vgroove.gap.residual.problem import Problem, SignalInfo
 from vgroove.gap.residual.torque_balance import BalanceProblem, balance_problem
 from vgroove.gap.selection.intervals import estimate_of
 from vgroove.gap.selection.options import DiagnosisOptions
-from vgroove.gap.selection.search import MIN_PRIOR, size_density
 from vgroove.gap.selection.search_state import COMPARISON, Search, begin
+from vgroove.gap.selection.size_prior import MIN_PRIOR, size_density
 
 FORWARD, BALANCE = "forward simulation", "torque balance"
 # Effects that let a mass move against the motor, since the torque balance holds all masses on its
-# motion; and a clock, which acts there as an inertia does, and besides shifts the driving column
-# (see SHIFTS).
-NOT_IN_BALANCE = frozenset({"coupler_compliance", "gear_backlash", "clock_skew"})
+# motion; a clock, which acts there as an inertia does, and besides shifts the driving column (see
+# SHIFTS); and an error of the measured angle itself.
+NOT_IN_BALANCE = frozenset(
+    {"coupler_compliance", "gear_backlash", "clock_skew", "hall_eccentricity"}
+)
 # Effects that shift the driving column in time. Where torques are means of few rows, a shift by a
 # part of a row averages the noise of further rows, which any noisy log rewards.
 SHIFTS = frozenset({"transport_delay"})
 # the effects by whose intervals the two comparisons are ranked: almost every machine shows them,
 # and both comparisons estimate them
 REFERENCE_EFFECTS = ("coulomb_friction", "viscous_friction")
-INERTIA = "added_inertia"  # which a rig may misstate besides
+# what a rig may misstate besides by so much that the forward simulation fails for it alone: an
+# inertia, and the torque of a pendulum or of another weight that it lacks
+INERTIA, WEIGHT = "added_inertia", "gear_eccentricity"
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,10 @@ def begin_in_better_comparison(
     reference = reference_fit(search)
     if reference is None or not forward_simulation_fails(search, problem, reference):
         return search
-    with_inertia = reference_fit_with_inertia(search)
-    if with_inertia is not None and not forward_simulation_fails(search, problem, with_inertia):
+    if any(
+        not forward_simulation_fails(search, problem, one)
+        for one in reference_fits_with_inertia_or_weight(search)
+    ):
         return search
     balance = balance_problem(problem)
     if balance is None:
@@ -122,15 +128,17 @@ def reference_fit(search: Search, ids: Sequence[str] = REFERENCE_EFFECTS) -> Fit
     return search.engine.fit(search.engine.hypotheses(found), COMPARISON.max_rounds)[0]
 
 
-def reference_fit_with_inertia(search: Search) -> Fit | None:
-    """The reference effects fitted together with an added inertia; None where this is no effect of
-    the search, or its size is implausible: of a rotor that is heavy enough the simulation predicts
-    the speed at the restart, whatever the input.
+def reference_fits_with_inertia_or_weight(search: Search) -> Iterator[Fit]:
+    """The reference effects fitted together with an added inertia, and with a weight, where these
+    are effects of the search. An inertia of implausible size is left out: of a rotor that is heavy
+    enough the simulation predicts the speed at the restart, whatever the input.
     """
-    one = reference_fit(search, (*REFERENCE_EFFECTS, INERTIA))
-    if one is None or size_density(search, one, BY_ID[INERTIA]) < MIN_PRIOR:
-        return None
-    return one
+    for effect_id in (INERTIA, WEIGHT):
+        one = reference_fit(search, (*REFERENCE_EFFECTS, effect_id))
+        if one is None:
+            continue
+        if effect_id == WEIGHT or size_density(search, one, BY_ID[INERTIA]) >= MIN_PRIOR:
+            yield one
 
 
 def forward_simulation_fails(search: Search, problem: Problem, reference: Fit) -> bool:

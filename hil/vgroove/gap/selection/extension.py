@@ -13,6 +13,7 @@ import numpy as np
 from vgroove.gap.catalogue import BY_ID, Effect
 from vgroove.gap.fitting.engine import FINAL_HUBER_SIGMAS
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.fitting.steps import difference_steps
 from vgroove.gap.selection.search_state import Search, key
 
 # first-order candidates that are kept of a set; chosen on the tuning half of the blind set
@@ -154,9 +155,7 @@ def differentiate_added(
     engine, count = search.engine, base.hypothesis.count
     jobs = []
     for h in trials:
-        steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[
-            count : h.count
-        ]
+        steps = np.diag(difference_steps(h, h.start))[count : h.count]
         jobs.append((h, np.vstack([h.start, h.start + steps])))
     for h, (start, *moved) in zip(trials, engine.residuals_of_jobs(jobs), strict=True):
         # a copy: a view would keep the whole batch of residuals
@@ -170,10 +169,11 @@ def forward_differences(
     residuals (n,) at the start and one step along each.
     """
     out = np.zeros((len(moved), len(start)), np.float32)
-    for column, c, x, row in zip(out, h.coordinates[count:], h.start[count:], moved, strict=False):
+    steps = difference_steps(h, h.start)[count:]
+    for column, c, step, row in zip(out, h.coordinates[count:], steps, moved, strict=False):
         # at nearly zero amplitude the number of periods has no effect: it keeps its start
         if not c.name.endswith("periods_per_rev"):
-            column[:] = (row - start) / c.step_at(float(x))
+            column[:] = (row - start) / step
     return out.T
 
 

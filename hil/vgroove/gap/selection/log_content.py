@@ -14,6 +14,7 @@ from vgroove.gap.residual.problem import Problem
 from vgroove.units import RAD_S_PER_RPM, TURN_RAD
 
 MOVING_SHARE = 0.02  # of the largest speed: a lower speed counts as standstill
+REVERSAL_SHARE = 0.1  # of the range of an angle: a smaller way back counts as noise
 MIN_TIME_EACH_WAY = 0.05  # share of the moving rows in each direction for both to count
 # inertia behind the gear, as a share of the rotor's, below which a log cannot contain its effects
 MIN_REFLECTED_INERTIA = 0.01
@@ -63,13 +64,65 @@ def turned(problem: Problem) -> float:
     """Turns of the motor between the outermost angles of the log that turns furthest; infinite
     where neither speed nor angle is logged.
     """
-    ranges = []
-    for j, log in enumerate(problem.logs):
-        if not {"speed_rpm", "position_rad"} & set(log.columns):
-            return np.inf
-        steps = np.diff(np.asarray(log.time_s, float), prepend=log.time_s[0])
-        ranges.append(float(np.ptp(np.cumsum(measured_speed(problem, j) * steps))))
-    return max(ranges) / TURN_RAD
+    return max(map(np.ptp, angles(problem)), default=np.inf) / TURN_RAD
+
+
+def turned_repeatedly(problem: Problem) -> float:
+    """The repeated_range() of the motor in turns, of the log with the most; infinite where neither
+    speed nor angle is logged.
+    """
+    return max(map(repeated_range, angles(problem)), default=np.inf) / TURN_RAD
+
+
+def angles(problem: Problem) -> list[np.ndarray]:
+    """Angle of the motor from the start of each log (rows,), rad; none where a log shows neither
+    speed nor angle.
+    """
+    if any(not {"speed_rpm", "position_rad"} & set(log.columns) for log in problem.logs):
+        return []
+    steps = [np.diff(np.asarray(log.time_s, float), prepend=log.time_s[0]) for log in problem.logs]
+    return [np.cumsum(measured_speed(problem, j) * step) for j, step in enumerate(steps)]
+
+
+def repeated_range(angle: np.ndarray) -> float:
+    """Range of a shaft's angle (rows,), in its unit, of which a period that repeats may take the
+    MIN_PERIODS-th part. Of a shaft that turns back this range is larger than that of its angle:
+    half a period of which half is passed to and fro also shows that a torque belongs to the angle.
+    """
+    extent = float(np.ptp(angle))
+    turning = angle[turning_rows(angle, REVERSAL_SHARE * extent)]
+    return max(extent, 2.0 * MIN_PERIODS * min(extent, 2.0 * passed_again(turning)))
+
+
+def passed_again(turning: np.ndarray) -> float:
+    """Length of the angles that a shaft passes more than once on its way from each of the angles
+    (k,) at which it turns back to the next.
+    """
+    again = []
+    for k in range(1, len(turning) - 1):
+        before = turning[: k + 1]
+        low, high = np.sort(turning[k : k + 2])
+        again.append((max(low, before.min()), min(high, before.max())))
+    length, end = 0.0, -np.inf
+    for low, high in sorted(again):
+        length += max(0.0, high - max(low, end))
+        end = max(end, high)
+    return float(length)
+
+
+def turning_rows(angle: np.ndarray, least: float) -> list[int]:
+    """Rows at which an angle (rows,) turns back by more than `least`, with its first and last
+    row.
+    """
+    rows, extreme_row, direction = [0], 0, 0.0
+    for row, value in enumerate(angle):
+        passed = value - angle[extreme_row]
+        if passed * direction >= 0.0 and (direction or abs(passed) > least):
+            extreme_row, direction = row, direction or np.sign(passed)
+        elif abs(passed) > least:
+            rows.append(extreme_row)
+            extreme_row, direction = row, -direction
+    return [*rows, extreme_row, len(angle) - 1]
 
 
 def resolved_periods(problem: Problem) -> float:
@@ -119,16 +172,17 @@ def log_flags(problem: Problem) -> frozenset[str]:
     if rig.mechanism["kind"] == "impact":
         return frozenset(impact_flags(problem))
     flags = {
+        "rows": True,
         "duty": kind == "duty",
         "voltage": kind != "current_a",
         "current_input": kind == "current_a",
         "current": "current_a" in judged,
         "speed": "speed_rpm" in judged,
+        "motion": not judged.isdisjoint({"speed_rpm", "position_rad"}),
         "supply": "supply_v" in judged,
         "edges": any(s.edges for s in problem.signals),
         "both": turns_both_ways(problem),
         "load": bool(load),
-        "gear": rig.gearbox["ratio"] > 1.0,
         "output": bool(load)
         or (reflected > MIN_REFLECTED_INERTIA and not np.isclose(reflected, MIN_REFLECTED_INERTIA)),
     }
@@ -174,12 +228,13 @@ def has_range(effect: Effect, scales: Scales) -> bool:
 
 def repeats(effect: Effect, scales: Scales) -> bool:
     """Whether an effect that is periodic in the angle with a known period repeats in the logs: the
-    rows resolve its period, and the shaft turns by MIN_PERIODS of it. True for every other effect.
+    rows resolve its period, and the shaft passes enough of it (repeated_range()). True for every
+    other effect.
     """
     if effect.periodic is None or effect.periodic.is_fitted:
         return True
     known = effect.periodic.periods_per_rev({}.get, scales.ratio)
-    return scales.turns * known >= MIN_PERIODS and known <= scales.periods
+    return scales.repeated_turns * known >= MIN_PERIODS and known <= scales.periods
 
 
 def effect_scales(problem: Problem) -> Scales:
@@ -209,6 +264,7 @@ def effect_scales(problem: Problem) -> Scales:
         viscous=motor["viscous_nm_s_per_rad"],
         ratio=rig.gearbox["ratio"],
         turns=turned(problem),
+        repeated_turns=turned_repeatedly(problem),
         periods=resolved_periods(problem),
         edges=any(signal.edges for signal in problem.signals),
         duration=float(max(t[-1] - t[0] for t in times)),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.catalogue import BY_ID, FRICTION_LAWS, LESS_LIKELY, Effect, contains
+from vgroove.gap.catalogue import FRICTION_LAWS, LESS_LIKELY, contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.backward import backward, drop_form_corrections
 from vgroove.gap.selection.beam import search_from_several_sets
@@ -23,9 +23,7 @@ from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import bootstrap_means
 from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key, whitened
 from vgroove.gap.selection.single_effects import align_to_selection, fit_single_effects
-
-MIN_PRIOR = 0.01  # smallest density of a plausible size, relative to that at 0
-MIN_PRIOR_ODDS = 3.0  # of two tied sets, by which their sizes decide
+from vgroove.gap.selection.size_prior import MIN_PRIOR_ODDS, is_implausible, prior_density
 
 
 @dataclass(frozen=True)
@@ -204,37 +202,6 @@ def preference(search: Search, one: Fit) -> tuple[bool, int, int]:
     rare = sum(i in LESS_LIKELY for i in one.ids)
     doubtful = search.contradicts_edge_scale(one) or is_implausible(search, one)
     return doubtful, one.hypothesis.count, rare
-
-
-def is_implausible(search: Search, one: Fit) -> bool:
-    """Whether the sizes of a set have less than a hundredth of their prior density at 0."""
-    return prior_density(search, one) < MIN_PRIOR
-
-
-def prior_excludes(search: Search, rival: Fit, best: Fit) -> bool:
-    """Whether the prior of the sizes decides against a tied set that has no fewer parameters than
-    the best one.
-    """
-    odds = prior_density(search, best) / prior_density(search, rival)
-    return rival.hypothesis.count >= best.hypothesis.count and odds > MIN_PRIOR_ODDS
-
-
-def prior_density(search: Search, one: Fit) -> float:
-    """Prior probability density of the sizes of a set's effects, divided by that at sizes of 0."""
-    density = np.prod([size_density(search, one, BY_ID[i]) for i in one.ids])
-    return max(float(density), np.finfo(float).tiny)
-
-
-def size_density(search: Search, one: Fit, effect: Effect) -> float:
-    """Prior density of the size of a member, relative to that at 0: Student's t of 3 degrees of
-    freedom in units of the size that the catalogue calls plausible. Of an effect that the rig
-    states already the change is its size.
-    """
-    stated = search.problem.theta0
-    column = search.problem.index(effect.name(effect.leading))
-    value = float(one.theta(stated)[column])
-    distance = effect.implausibility(value, search.engine.scales, float(stated[column]))
-    return float((1.0 + distance**2 / 3.0) ** -2.0)
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:

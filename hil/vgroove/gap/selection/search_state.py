@@ -247,6 +247,11 @@ class Search:
         """
         return float(self.block_losses(one).sum()) / self.blocks.total
 
+    def fitted_score(self, one: Fit) -> float:
+        """Squared gap of the fit to all rows over all blocks, in units of the noise power."""
+        squares = clipped_squares(one.residual, COMPARISON.clip_sigma)
+        return float(block_sums(self.blocks, squares).sum()) / self.blocks.total
+
     def reported_score(self, one: Fit) -> float:
         """Square of reported_gap()."""
         return self.reported_gap(one) ** 2
@@ -587,9 +592,17 @@ class Search:
         return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
 
     def near_best(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those of some fits whose squared gap is at most near_best times the smallest of them."""
-        limit = COMPARISON.near_best * min(self.score(f) for f in fits)
-        return [f for f in fits if self.score(f) <= limit]
+        """Those of some fits whose squared gap is at most near_best times the smallest of them,
+        held out or of the fits to all rows: a held-out gap that is predicted to first order is far
+        too large where the folds' steps are long.
+        """
+        held_out, fitted = (
+            np.array([gap(f) for f in fits]) for gap in (self.score, self.fitted_score)
+        )
+        near = (held_out <= COMPARISON.near_best * held_out.min()) | (
+            fitted <= COMPARISON.near_best * fitted.min()
+        )
+        return [f for f, is_near in zip(fits, near, strict=True) if is_near]
 
     def ranked(self, size: int | None = None) -> list[Fit]:
         """Fits of sets of one size, without one of all sets, best first; equal scores in the order

@@ -17,13 +17,12 @@ from vgroove.gap.selection.intervals import (
 )
 from vgroove.gap.selection.search import (
     Selection,
-    is_implausible,
-    prior_excludes,
     select_whitened,
     tied_rivals,
     unwhitened_fit,
 )
 from vgroove.gap.selection.search_state import COMPARISON, Search, key
+from vgroove.gap.selection.size_prior import is_implausible, prior_excludes
 from vgroove.gap.verdict.covariates import Covariates
 from vgroove.gap.verdict.established import (
     established_set,
