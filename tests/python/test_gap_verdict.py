@@ -929,24 +929,27 @@ def test_a_counted_probability_is_known_by_its_interval(
 # Squared gaps: the retuned model leaves 11 (far from the noise: more than 2 in the gap, 4 squared)
 # or 4; every set closes less than 0.7 of it.
 @pytest.mark.parametrize(
-    ("retuned", "after", "discrepancy", "verdict"),
+    ("retuned", "after", "members", "discrepancy", "verdict"),
     [
-        (11.0, 5.0, 1.0, "partial"),
-        (4.0, 2.5, 1.0, "unlisted"),  # near the noise, effects that are present close more
-        (4.0, 2.5, 1.5, "unlisted"),  # whatever the discrepancy of a signal
+        (11.0, 5.0, 1, 1.0, "partial"),
+        (4.0, 2.5, 1, 1.0, "partial"),
+        (4.0, 2.5, 2, 1.0, "unlisted"),  # near the noise, effects that are present close more
+        (4.0, 2.5, 2, 1.5, "unlisted"),  # whatever the discrepancy of a signal
     ],
 )
-def test_an_established_set_that_closes_too_little_is_unlisted_where_noise_is_the_limit(
+def test_established_effects_that_close_too_little_are_unlisted_where_noise_is_the_limit(
     retuned: float,
     after: float,
+    members: int,
     discrepancy: float,
     verdict: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    state, best = Scored(retuned, retuned, after), named_gap(after, 1)
+    state, best = Scored(retuned, retuned, after), named_gap(after, members)
     state.engine.discrepancy[0] = discrepancy
-    state.fits = {("a",): best}
+    state.fits = {best.ids: best}
     monkeypatch.setattr(decision, "established_set", lambda *_: best)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found = decision.decide(selected(state, best), structure(True), {})
     assert (found.verdict, found.names_effects) == (verdict, verdict == "partial")
 

@@ -103,7 +103,7 @@ def decide(selection: Selection, remainder: Remainder, covariates: Covariates) -
         return Finding("none", best, [], remainder)
     found = established_part(selection, covariates)
     part = found.best
-    if part.ids and is_doubtful(search, part) and is_limited_by_noise(search, part):
+    if approximates_other_effect(search, part) and is_limited_by_noise(search, part):
         part = search.retuned
     if part.ids and not search.closes_reported_gap(part):
         part = search.retuned
