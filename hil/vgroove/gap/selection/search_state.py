@@ -592,17 +592,12 @@ class Search:
         return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
 
     def near_best(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those of some fits whose squared gap is at most near_best times the smallest of them,
-        held out or of the fits to all rows: a held-out gap that is predicted to first order is far
-        too large where the folds' steps are long.
+        """Those of some fits whose squared gap, held out or of the fit to all rows, is at most
+        near_best times the smallest held-out one: a held-out gap that is predicted to first order
+        is far too large where the folds' steps are long.
         """
-        held_out, fitted = (
-            np.array([gap(f) for f in fits]) for gap in (self.score, self.fitted_score)
-        )
-        near = (held_out <= COMPARISON.near_best * held_out.min()) | (
-            fitted <= COMPARISON.near_best * fitted.min()
-        )
-        return [f for f, is_near in zip(fits, near, strict=True) if is_near]
+        limit = COMPARISON.near_best * min(map(self.score, fits))
+        return [f for f in fits if min(self.score(f), self.fitted_score(f)) <= limit]
 
     def ranked(self, size: int | None = None) -> list[Fit]:
         """Fits of sets of one size, without one of all sets, best first; equal scores in the order
