@@ -56,8 +56,8 @@ class Rig:
 
     @property
     def shaft_inertia_kg_m2(self) -> float:
-        """Inertia at the motor's shaft: drive_inertia_kg_m2 and a pendulum on the gearbox's output
-        (that of an impact tool hangs on the anvil).
+        """Total inertia referred to the motor's shaft: drive_inertia_kg_m2 plus that of a pendulum
+        on the gearbox's output. The pendulum of an impact tool is on the anvil and not included.
         """
         if self.load["kind"] != "pendulum" or self.mechanism["kind"] != "none":
             return self.drive_inertia_kg_m2

@@ -1,5 +1,5 @@
-// Rows of eight parameter sets at once by the solver with error control, core states alone. A file
-// of its own, so that the loops are compiled in parallel.
+// Rows of eight parameter sets at once by the solver with error control, core states alone. A
+// separate source file, so that both variants can be compiled at the same time.
 #define VGROOVE_PARTS_CLONED
 #include "drivetrain/run_rows.hpp"
 

@@ -34,8 +34,8 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 // every call it would make them so large that they take several times as long to compile. A source
 // file that contains a function with VGROOVE_CLONES defines VGROOVE_PARTS_CLONED before its
 // includes: its parts are then compiled for the same instruction sets, and each clone calls the
-// parts of its own. Parts have internal linkage (static), so that only functions that are static or
-// always inlined may call them.
+// parts that are compiled for its own instruction set. The parts are static: each source file has
+// its copies, and only its static or always inlined functions may call them.
 #ifdef VGROOVE_PARTS_CLONED
 #define VGROOVE_PART static __attribute__((noinline)) VGROOVE_CLONES
 #else

@@ -125,7 +125,7 @@ def test_the_prior_density_of_a_set_is_the_product_over_its_members() -> None:
 
 
 def test_the_least_plausible_number_of_an_effect_counts() -> None:
-    """A battery that hardly discharges but drops 40 % of its voltage within a tenth of a second."""
+    """The droop of a supply has two sizes: the second one, three plausible sizes, decides."""
     toy, droop = Toy({}), BY_ID["supply_droop"]
     state = SimpleNamespace(problem=toy, engine=Engine(toy, SCALES, {}))
     theta = toy.theta0.copy()

@@ -1,6 +1,6 @@
-"""Effects that belong to the angle of a shaft which an encoder measures: a torque of one period a
-turn without a gear (a pendulum that the rig lacks), an eccentric encoder wheel; and how much of a
-period a log must pass to show one.
+"""Effects that depend on the shaft's angle, in logs of an encoder: the torque of a pendulum that
+the rig does not state, an eccentric encoder wheel; and how far the shaft must turn for a log to
+show them.
 """
 
 from types import SimpleNamespace
@@ -46,7 +46,7 @@ def servo(**sections: dict) -> Rig:
 
 
 def encoder_log(tool: Rig, voltage: np.ndarray) -> MadeLog:
-    """The log of a tool from rest: its voltage and the angle in steps of the encoder."""
+    """Simulated log of a tool that starts at rest: voltage, and angle rounded to encoder steps."""
     rows = _core.simulate_log(
         _core.LogInput(TIME_S, "voltage_v", voltage, load_kind=tool.load["kind"]),
         tool.parameters()[None],
@@ -109,7 +109,7 @@ def test_what_a_log_shows_of_a_wheel_and_of_a_gear() -> None:
 
 
 def test_a_tolerated_mass_of_the_pendulum_is_retuned() -> None:
-    """It is a value of the rig, not an effect that the rig lacks."""
+    """The mass is fitted as a tolerated value of the rig, and no effect is named."""
     tool = servo(load=PENDULUM)
     stated = servo(load=PENDULUM | {"mass_kg": 0.021}, tolerance={"load.mass_kg": 0.05})
     found = diagnose([encoder_log(tool, swing(0.6, 1.2))], stated)
@@ -135,7 +135,9 @@ def test_a_tolerated_mass_of_the_pendulum_is_retuned() -> None:
 def test_a_way_back_shows_that_a_torque_belongs_to_the_angle(
     turns: tuple[float, ...], repeated: float
 ) -> None:
-    """The longest period that a log shows is half of it (MIN_PERIODS)."""
+    """turns: angles between which the shaft turns; repeated: twice the longest period that such a
+    log can show, in turns.
+    """
     angle = np.interp(np.linspace(0.0, 1.0, 501), np.linspace(0.0, 1.0, len(turns)), turns)
     rng = np.random.default_rng(2)
     for noise in (0.0, 1e-3 * np.ptp(angle)):

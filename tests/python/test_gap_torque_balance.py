@@ -173,7 +173,9 @@ def test_the_balance_of_a_noiseless_log_is_zero_for_the_true_parameters(
 
 @pytest.mark.parametrize("ratio", [1.0, 5.6])
 def test_a_pendulum_is_part_of_the_inertia_of_the_balance(ratio: float) -> None:
-    """Its mass times the square of its length is most of the inertia, and no key of [gearbox]."""
+    """The pendulum's mass times its length squared is most of the inertia; [gearbox] does not
+    contain it.
+    """
     pendulum = {"kind": "pendulum", "mass_kg": 4e-3, "length_m": 0.2, "zero_rad": 0.3}
     data = tool_of("current_a").as_dict() | {"load": pendulum}
     gear = {"ratio": ratio, "output_inertia_kg_m2": 1e-6}
@@ -380,7 +382,9 @@ def test_an_implausible_inertia_does_not_hide_a_failure() -> None:
 def test_where_the_simulation_fails_for_want_of_a_weight_alone_it_is_kept(
     weight: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Beside the weight the simulation shows the friction too, which the balance does not."""
+    """Once the weight is fitted, the forward simulation determines the friction more precisely than
+    the torque balance.
+    """
     tool = tool_of("current_a")
     pendulum = {"kind": "pendulum", "mass_kg": 0.3, "length_m": 0.2}
     true = rig_from_dict(tool.as_dict() | {"load": pendulum}, "with its weight")

@@ -215,7 +215,9 @@ def _as_sine_and_cosine(pairs: list[Started]) -> list[Started]:
     """
     amplitude, phase = pairs[0][0], pairs[-1][0]
     bound = max(abs(amplitude.high), 1.0)
-    both = {"low": -bound, "high": bound}
-    both["physical"] = "both" if amplitude.physical in ("high", "both") else ""
-    cosine, sine = replace(amplitude, role="cosine", **both), replace(phase, role="sine", **both)
+    physical = "both" if amplitude.physical in ("high", "both") else ""
+    cosine, sine = (
+        replace(one, low=-bound, high=bound, role=role, physical=physical)
+        for one, role in ((amplitude, "cosine"), (phase, "sine"))
+    )
     return [*pairs[1:-1], (cosine, (RIPPLE_START,)), (sine, (RIPPLE_START,))]

@@ -236,7 +236,9 @@ def _quadratics(
 def _fit_quadratics(
     seen: Observations, time_s: np.ndarray, part: np.ndarray, with_pattern: bool
 ) -> list[LocalFit]:
-    """Quadratics at instants (n,) through the observations with the indices `part` (n, m)."""
+    """Quadratic fits in time about the instants (n,), each to the observations with the indices in
+    its row of `part` (n, m).
+    """
     start, end = seen.start_s[part] - time_s[:, None], seen.end_s[part] - time_s[:, None]
     scale = np.maximum(-start[:, 0], end[:, -1])
     basis = _mean_monomials(start / scale[:, None], end / scale[:, None])

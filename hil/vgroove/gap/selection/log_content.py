@@ -85,9 +85,9 @@ def angles(problem: Problem) -> list[np.ndarray]:
 
 
 def repeated_range(angle: np.ndarray) -> float:
-    """Range of a shaft's angle (rows,), in its unit, of which a period that repeats may take the
-    MIN_PERIODS-th part. Of a shaft that turns back this range is larger than that of its angle:
-    half a period of which half is passed to and fro also shows that a torque belongs to the angle.
+    """MIN_PERIODS times the longest period of a torque over the shaft's angle (rows,) that a log
+    can show, in the unit of the angle. One way, MIN_PERIODS periods must be passed; with reversals,
+    half a period of which half is passed at least twice.
     """
     extent = float(np.ptp(angle))
     turning = angle[turning_rows(angle, REVERSAL_SHARE * extent)]
@@ -111,8 +111,8 @@ def passed_again(turning: np.ndarray) -> float:
 
 
 def turning_rows(angle: np.ndarray, least: float) -> list[int]:
-    """Rows at which an angle (rows,) turns back by more than `least`, with its first and last
-    row.
+    """Rows of the turning points of an angle (rows,): extremes after which it changes by more than
+    `least` in the other direction. The first and the last row are included.
     """
     rows, extreme_row, direction = [0], 0, 0.0
     for row, value in enumerate(angle):

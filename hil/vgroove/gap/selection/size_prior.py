@@ -13,7 +13,7 @@ MIN_PRIOR_ODDS = 3.0  # of two tied sets, by which their sizes decide
 
 
 def is_implausible(search: Search, one: Fit) -> bool:
-    """Whether the sizes of a set have less than a hundredth of their prior density at 0."""
+    """Whether the prior density of a set's sizes is below MIN_PRIOR of that at sizes of 0."""
     return prior_density(search, one) < MIN_PRIOR
 
 
