@@ -15,6 +15,7 @@ from vgroove.gap.next_run.experiment_design import propose
 from vgroove.gap.next_run.menu import MENU, feasible_profiles, profile_named, time_grid
 from vgroove.gap.simulate import compute_gap
 from vgroove.gap.verdict import correlates
+from vgroove.units import TURN_RAD
 
 
 def every_second(made: MadeLog) -> MadeLog:
@@ -121,6 +122,18 @@ def test_a_covariate_that_is_mostly_constant_has_a_smooth_curve() -> None:
     )
     assert np.all(np.diff(x) > 1e-4 * np.ptp(x))
     assert np.interp([-2e-7, 0.0, 2e-7], x, y) == pytest.approx([-4.0, 0.0, 4.0], abs=0.2)
+
+
+@pytest.mark.parametrize("turned_rad", [0.03, 0.3, 3.0, 6.28318])
+def test_a_part_of_a_turn_has_a_smooth_curve(turned_rad: float) -> None:
+    """The curve is fitted to three periods: its points lie apart also where two of them meet, and
+    in a log that passes a small part of a turn.
+    """
+    angle = turned_rad * np.random.default_rng(5).beta(0.5, 0.5, 3000)
+    covariate = correlates.Covariate("angle", angle, TURN_RAD)
+    x, y = correlates.smooth_curve(np.sin(angle), covariate)
+    inside = np.quantile(angle, [0.2, 0.5, 0.8])
+    assert np.interp(inside, x, y) == pytest.approx(np.sin(inside), abs=0.05)
 
 
 def test_a_spectral_line_is_found_and_noise_has_none() -> None:

@@ -21,7 +21,7 @@ class CorrelateLimits:
     rows_per_bin: int = 4  # mean number of rows in a bin below which nothing is predicted
     knots: int = 60  # quantile means that a spline is fitted to
     min_points: int = 5  # below which no spline is fitted
-    min_knot_distance: float = 1e-3  # of the range: closer quantiles are one point
+    min_knot_distance: float = 1e-3  # of range or period: closer quantiles are one point
     # smallest power of a spectral line, divided by the mean power of noise, which is estimated as
     # the median power around the line over ln 2
     line_over_median: float = 30.0
@@ -82,7 +82,8 @@ def smooth_curve(residual: np.ndarray, covariate: Covariate) -> tuple[np.ndarray
     if covariate.period:  # three periods, so that the ends of the middle one meet
         x = np.concatenate([x - covariate.period, x, x + covariate.period])
         y, weight = np.tile(y, 3), np.tile(weight, 3)
-    scale = float(np.ptp(x))
+    # with points about 1 apart the cross-validation, whose tolerance is absolute, finds its minimum
+    scale = float(np.ptp(x)) / len(x)
     curve = scipy.interpolate.make_smoothing_spline(x / scale, y, w=weight)
     grid = np.linspace(0.0, covariate.period, CORRELATE.knots) if covariate.period else x
     return grid, curve(grid / scale)
@@ -93,13 +94,16 @@ def quantile_means(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means of covariate (k,) and residual (k,) over quantile bins, and the rows of each bin."""
     value = covariate.value
-    step = max(CORRELATE.min_knot_distance * float(np.ptp(value)), 1e-12)
+    span = covariate.period or float(np.ptp(value))
+    step = max(CORRELATE.min_knot_distance * span, 1e-12)
     quantiles = np.quantile(value, np.linspace(0.0, 1.0, CORRELATE.knots + 1)[1:-1])
     inner = step * np.unique(np.round(quantiles / step))
     bins = np.unique(np.searchsorted(inner, value), return_inverse=True)[1]
     count = np.bincount(bins)
     x, y = (np.bincount(bins, weights=v) / count for v in (value, residual))
     apart = np.concatenate([[True], np.diff(x) > 0.5 * step])
+    if covariate.period and len(x) > 1:  # the last one is a neighbour of the first
+        apart[-1] &= x[0] + covariate.period - x[-1] > 0.5 * step
     return x[apart], y[apart], count[apart].astype(float)
 
 
