@@ -181,11 +181,14 @@ def test_all_effects_together_close_a_listed_gap_and_no_oscillation(
     assert beam.closed_by_all_effects(nothing, search.retuned) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_sets_that_fit_best_are_extended(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("size", "count"), [(1, beam.BEAM.singles), (2, beam.BEAM.width)])
+def test_the_sets_that_fit_best_are_extended(
+    size: int, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Those of one size with the smallest errors over all rows; invalid ones are left out."""
     monkeypatch.setattr(beam, "is_valid", lambda one: one.cost != 2.0)
-    costs = [5.0, 1.0, 2.0, 9.0, 3.0, 4.0, 8.0, 7.0]
-    fits = {(str(c),): SimpleNamespace(ids=(str(c),), cost=c) for c in costs}
-    fits |= {("a", "b"): SimpleNamespace(ids=("a", "b"), cost=0.0)}
-    found = beam.best_fitting(SimpleNamespace(fits=fits), 1)
-    assert [f.cost for f in found] == [1.0, 3.0, 4.0, 5.0, 7.0, 8.0][: beam.BEAM.width]
+    costs = np.random.default_rng(size).permutation(20).astype(float)
+    fits = {("a", str(c))[-size:]: SimpleNamespace(ids=("a", str(c)), cost=c) for c in costs}
+    fits |= {("x", "y", "z")[: 3 - size]: SimpleNamespace(ids=("z",), cost=0.0)}
+    found = beam.best_fitting(SimpleNamespace(fits=fits), size)
+    assert [f.cost for f in found] == [c for c in range(20) if c != 2][:count]

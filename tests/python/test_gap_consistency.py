@@ -701,19 +701,23 @@ def test_the_size_of_a_member_is_judged_by_the_share_that_it_closes(
 
 
 @pytest.mark.parametrize(
-    ("found", "tied", "better", "replaced"),
+    ("found", "tied", "better", "far", "replaced"),
     [
-        ((), True, False, True),
-        (("a",), True, True, False),
-        (("a",), False, False, False),
-        (("a",), False, True, True),
-        (("a", "c"), False, False, True),
+        ((), True, False, False, True),
+        (("a",), True, True, False, False),
+        (("a",), False, False, False, False),
+        (("a",), False, True, False, True),
+        (("a", "c"), False, False, False, True),
+        (("a",), True, False, True, True),
     ],
 )
 def test_an_established_set_replaces_the_empty_one_and_any_that_it_betters(
-    found: tuple[str, ...], tied: bool, better: bool, replaced: bool
+    found: tuple[str, ...], tied: bool, better: bool, far: bool, replaced: bool
 ) -> None:
-    state = SimpleNamespace(is_tied=lambda *_: tied, is_better=lambda *_: better)
+    """far: whether it closes nearly all of a gap that the other leaves far from the noise."""
+    state = SimpleNamespace(
+        is_tied=lambda *_: tied, is_better=lambda *_: better, closes_far_gap=lambda *_: far
+    )
     sets = (SimpleNamespace(ids=ids) for ids in (("a", "b"), found))
     assert established.replaces(state, *sets) is replaced
 

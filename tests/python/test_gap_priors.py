@@ -372,13 +372,34 @@ def test_a_relative_size_is_widened_to_no_factor_of_zero(effect: str) -> None:
 
 
 @pytest.mark.parametrize("duration_s", [0.02, 0.4, 3.0, 600.0])
-def test_no_grease_warms_up_in_less_than_a_tenth_of_a_second(duration_s: float) -> None:
+@pytest.mark.parametrize(
+    ("effect", "name", "low", "high"),
+    [
+        ("cold_grease", "time_s", 0.1, np.inf),
+        ("winding_heating", "cooling_s", 0.5, np.inf),
+        ("winding_heating", "kelvin_per_joule", 0.0, 25.0),
+        ("supply_droop", "volt_per_coulomb", 0.0, 1.0),
+        # 0.4 N m behind a gear of 5.6 wind a softer spring up by more than a turn
+        ("coupler_compliance", "stiffness_nm_per_rad", 0.01136, np.inf),
+    ],
+)
+def test_bounds_of_physics_hold_in_any_log(
+    effect: str, name: str, low: float, high: float, duration_s: float
+) -> None:
+    """Times and sizes scale with the log, also where fits end at their bounds, up to these. A fit
+    that ends there has found no size.
+    """
     builder = HypothesisBuilder(Toy({}), replace(SCALES, duration=duration_s), {})
     for _ in range(6):
-        (hypothesis, *_) = builder.hypotheses([BY_ID["cold_grease"]], (), np.zeros(0))
-        time = next(c for c in hypothesis.coordinates if c.name.endswith("time_s"))
-        assert 0.1 <= time.low * time.factors[0] < time.high * time.factors[0]
-        builder.widen(SimpleNamespace(hypothesis=hypothesis, x=hypothesis.low))
+        (hypothesis, *_) = builder.hypotheses([BY_ID[effect]], (), np.zeros(0))
+        one = next(c for c in hypothesis.coordinates if c.name.endswith(name))
+        least, most = one.low * one.factors[0], one.high * one.factors[0]
+        assert low * (1.0 - 1e-3) <= least < most <= high * (1.0 + 1e-9)
+        for x in (hypothesis.low, hypothesis.high):
+            builder.widen(SimpleNamespace(hypothesis=hypothesis, x=x))
+    if low > 0.0:
+        assert least == pytest.approx(low, rel=1e-3) and one.ends_at_search_bound(one.low)
+    assert one.ends_at_search_bound(one.high)
 
 
 def slow_tool(delay_s: float = 0.0) -> Rig:

@@ -3,6 +3,8 @@
 "Sized as" states the typical size, Parameter.size.
 """
 
+from dataclasses import replace
+
 from .entry import (
     NO_LOWER_BOUND,
     ZERO,
@@ -29,7 +31,7 @@ def relative(
         constant(-bound),
         constant(bound if high is None else high),
         key=RELATIVE,
-        widest_low=-0.95,
+        widest_low=constant(-0.95),
         plausible=constant(plausible),
     )
 
@@ -42,7 +44,20 @@ def series_resistance(low: OfScales = ZERO) -> Parameter:
         lambda s: 0.02 * s.volt / s.amp,
         low,
         lambda s: s.volt / s.amp,
+        physical="low",
         plausible=lambda s: 0.1 * s.volt / s.amp,
+    )
+
+
+def friction(
+    name: str = "torque_nm", low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)
+) -> Parameter:
+    """A torque of dry friction. That of a small gear motor is often a third of the driving torque,
+    that of a tool with impact mechanism, whose joint takes most of it, about a tenth.
+    """
+    return replace(
+        torque(name, low, starts),
+        plausible=lambda s: (0.1 if s.hammering else 0.3) * s.torque + 2.0 * s.coulomb,
     )
 
 
@@ -79,17 +94,20 @@ def viscous(low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)) 
 LONGEST = 20.0  # longest time constant of a slow state, in durations of the log
 
 
-def time_constant(name: str, starts: tuple[float, ...], neutral: float = 1.0) -> Parameter:
-    """A time constant, sized as the log's duration."""
+def time_constant(
+    name: str, starts: tuple[float, ...], neutral: float = 1.0, shortest_s: float = 0.0
+) -> Parameter:
+    """A time constant, sized as the log's duration; shortest_s: none is shorter in practice."""
     return Parameter(
         name,
         "s",
         lambda s: s.duration,
-        lambda s: 0.05 * s.duration,
-        lambda s: LONGEST * s.duration,
+        lambda s: max(0.05 * s.duration, shortest_s),
+        lambda s: LONGEST * max(s.duration, shortest_s),
         starts,
         key=POSITIVE,
         neutral=neutral,
+        widest_low=constant(shortest_s),
     )
 
 

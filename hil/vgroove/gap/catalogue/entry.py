@@ -93,8 +93,8 @@ class Parameter:
     its lower bound is no effect: it describes the logger (Scales.least_delay), or what does not
     repeat (MIN_PERIODS). physical: which bounds are limits of physics or of docs/spec/gap.md,
     "low", "high", "both" or "" (0 is one always); the others belong to the search and are widened
-    where a fit ends at them, the lower one as far as widest_low: a fit that ends there has found no
-    size. plausible: the scale of the sizes that occur in practice, an estimate of the order of
+    where a fit ends at them, as far as widest_low and widest_high: a fit that ends there has found
+    no size. plausible: the scale of the sizes that occur in practice, an estimate of the order of
     magnitude, and the scale of a prior with heavy tails (of a parameter that is infinite while the
     effect is off, as a stiffness or a limit: a value that is seldom fallen short of; of a factor 1
     + relative the logarithm counts); None: no prior.
@@ -114,7 +114,8 @@ class Parameter:
     neutral: float = 0.0
     low_is_convention: bool = False
     physical: str = ""
-    widest_low: float = -inf
+    widest_low: OfScales = constant(-inf)
+    widest_high: OfScales = constant(inf)
     plausible: OfScales | None = None
     local: bool = False
 

@@ -4,6 +4,11 @@ from .common import relative, time_constant
 from .entry import OFF_AT_INFINITY, ZERO, Effect, Parameter, Separation, constant
 from .keys import POSITIVE
 
+# Of the smallest motors, whose winding is 0.1 g of copper (0.39 J/(g K)) and gives its heat to the
+# housing in a second
+MOST_KELVIN_PER_JOULE = 25.0
+SHORTEST_COOLING_S = 0.5
+
 EFFECTS = (
     Effect(
         "winding_resistance",
@@ -24,10 +29,17 @@ EFFECTS = (
                 "K/J",
                 lambda s: 20.0 / (s.amp**2 * s.resistance * s.duration),
                 ZERO,
+                constant(MOST_KELVIN_PER_JOULE),
                 starts=(0.3,),
+                widest_high=constant(MOST_KELVIN_PER_JOULE),
                 plausible=lambda s: 100.0 / (s.amp**2 * s.resistance * s.duration),
             ),
-            time_constant("cooling_s", (0.3, 2.0, 10.0), neutral=OFF_AT_INFINITY),
+            time_constant(
+                "cooling_s",
+                (0.3, 2.0, 10.0),
+                neutral=OFF_AT_INFINITY,
+                shortest_s=SHORTEST_COOLING_S,
+            ),
         ),
         needs=("voltage",),
         switch=("kelvin_per_joule",),
@@ -88,7 +100,8 @@ EFFECTS = (
                 (5.0,),
                 key=POSITIVE,
                 neutral=OFF_AT_INFINITY,
-                plausible=lambda s: 2.0 * s.amp,
+                # a tenth of the torque constant is lost at the largest current
+                plausible=lambda s: 3.0 * s.amp,
             ),
         ),
         switch=("saturation_a",),

@@ -2,7 +2,7 @@
 positive against w > 0.
 """
 
-from .common import PHASE, torque, viscous
+from .common import PHASE, friction, torque, viscous
 from .entry import MIN_PERIODS, ZERO, Effect, Parameter, Periodic, Separation, constant
 from .keys import POSITIVE
 
@@ -14,7 +14,7 @@ EFFECTS = (
         "coulomb_friction",
         "motor_mechanical",
         "T + torque_nm sign(w)",
-        (torque(low=lambda s: -s.coulomb * s.least_share("motor.coulomb_nm")),),
+        (friction(low=lambda s: -s.coulomb * s.least_share("motor.coulomb_nm")),),
         special_case_of=("asymmetric_friction", "stribeck_friction"),
         friction_law=True,
     ),
@@ -31,7 +31,7 @@ EFFECTS = (
         "motor_mechanical",
         "T + breakaway_nm exp(-(w / speed_rad_s)^2) sign(w)",
         (
-            torque("breakaway_nm", ZERO, (0.3,)),
+            friction("breakaway_nm", ZERO, (0.3,)),
             Parameter(
                 "speed_rad_s",
                 "rad/s",
@@ -66,7 +66,7 @@ EFFECTS = (
         "asymmetric_friction",
         "motor_mechanical",
         "T + forward_nm for w > 0, T - backward_nm for w < 0, any value in between at rest",
-        (torque("forward_nm"), torque("backward_nm")),
+        (friction("forward_nm"), friction("backward_nm")),
         needs=("both",),
         constant_beside="coulomb_friction",
         remark="forward_nm = -backward_nm is a constant torque offset. Needs both directions: in a "
@@ -97,7 +97,7 @@ EFFECTS = (
                 (0.15, 0.6),
                 key=POSITIVE,
                 neutral=1.0,
-                widest_low=MIN_WARM_UP_S,
+                widest_low=constant(MIN_WARM_UP_S),
             ),
         ),
         switch=("nm_s_per_rad",),

@@ -186,9 +186,9 @@ class HypothesisBuilder:
         factor = self.widening.get(name, 1.0)
         if parameter.physical not in ("low", "both"):
             low = low * factor if low < 0.0 else low / factor
-            low = max(low, parameter.widest_low / size)
+            low = max(low, parameter.widest_low(self.scales) / size)
         if parameter.physical not in ("high", "both"):
-            high *= factor
+            high = min(high * factor, parameter.widest_high(self.scales) / size)
         return low, high
 
     def _constant_torque(self, effect: Effect) -> Coordinate:

@@ -27,7 +27,8 @@ class BeamLimits:
     """
 
     max_blocks: int = 30  # bootstrap blocks of the logs, above which forward selection suffices
-    width: int = 6  # sets of each size that are extended
+    singles: int = 12  # single effects that are extended
+    width: int = 6  # larger sets of each size that are extended
     extensions: int = 4  # first-order candidates of each of them that are fitted
     # share of the squared reported gap that the found set must close: effects that are present
     # leave only the error of their form, about a sixteenth (see limits.py), and several together
@@ -68,7 +69,7 @@ def best_of_beam(search: Search) -> Fit:
     """
     for size in range(1, STEPWISE.max_effects):
         bases = best_fitting(search, size)
-        if not bases or not search.is_far_from_noise(bases[0]):
+        if not bases or (size > 1 and not search.is_far_from_noise(bases[0])):
             break
         candidates = [
             one
@@ -117,4 +118,5 @@ def closed_by_all_effects(search: Search, best: Fit) -> float:
 def best_fitting(search: Search, size: int) -> list[Fit]:
     """The fits of sets of one size with the smallest cost over all rows, best first."""
     fits = [f for k, f in search.fits.items() if len(k) == size and is_valid(f)]
-    return sorted(fits, key=lambda f: (f.cost, f.ids))[: BEAM.width]
+    count = BEAM.singles if size == 1 else BEAM.width
+    return sorted(fits, key=lambda f: (f.cost, f.ids))[:count]

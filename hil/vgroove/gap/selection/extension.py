@@ -5,7 +5,7 @@ its own. Only the best candidates are then fitted.
 """
 
 import heapq
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from vgroove.gap.selection.search_state import Search, key
 # first-order candidates that are kept of a set; chosen on the tuning half of the blind set
 # (docs/gap_bench.md)
 MAX_EXTENSIONS = 6
+MAX_STARTS = 2  # of these candidates that differ only in where the further effect starts
 NO_COST = np.inf  # cost of a first-order fit, which is not evaluated
 
 
@@ -56,14 +57,26 @@ def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[F
     """
     known = search.cache.extensions.get(key(base.ids))
     if known is None or not known.holds_for(base):
+        every = (first_order(search, base, one) for one in added_effects(search, base))
         found = heapq.nsmallest(
-            MAX_EXTENSIONS,
-            (first_order(search, base, one) for one in added_effects(search, base)),
-            key=search.score,
+            MAX_EXTENSIONS, best_of_each_effect(every, search.score), key=search.score
         )
         known = RankedExtensions(base, base.exact, found)
         search.cache.extensions[key(base.ids)] = known
     return known.fits[:count]
+
+
+def best_of_each_effect(fits: Iterable[Fit], score: Callable[[Fit], float]) -> list[Fit]:
+    """The MAX_STARTS best fits of each last effect: one of many starts leaves room for the others.
+    Worse ones are not kept, because each holds the residuals of all rows.
+    """
+    best: dict[str, list[Fit]] = {}
+    for one in fits:
+        mine = best.setdefault(one.ids[-1], [])
+        mine.append(one)
+        mine.sort(key=score)
+        del mine[MAX_STARTS:]
+    return [one for mine in best.values() for one in mine]
 
 
 def added_effects(search: Search, base: Fit) -> list[AddedEffect]:

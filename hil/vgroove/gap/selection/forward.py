@@ -21,8 +21,9 @@ def forward(search: Search) -> tuple[Search, Fit]:
     best = best_single(search)
     if not is_visibly_better(search, best):
         pair = grow(search, best)
-        found = pair is not None and is_visibly_better(search, pair)
-        return search, pair if found else search.retuned
+        if pair is None or not is_visibly_better(search, pair):
+            return search, search.retuned
+        best, search = pair, rescale(search)
     while len(best.ids) < STEPWISE.max_effects and leaves_enough(search, best):
         larger = grow(search, best)
         if larger is not None and not search.is_better(larger, best):

@@ -386,8 +386,9 @@ class Search:
 
         Models may differ in few blocks only, which many bootstrap samples do not contain. Therefore
         a set is not tied if its loss on this very run (loss_bound()) exceeds the minimum effect
-        size, nor if the scale of the Hall edges contradicts it but not the best, nor if it leaves
-        most of a gap far from the noise that the best closes.
+        size, nor if the best closes nearly all of a large gap that it leaves, nor if the scale of
+        the Hall edges contradicts it but not the best, nor if it leaves most of a gap far from the
+        noise that the best closes.
         """
         if self.contradicts_edge_scale(one) and not self.contradicts_edge_scale(best):
             return False
@@ -395,6 +396,8 @@ class Search:
             return False
         if self.equal_up_to_chance(one, best) or self.equal_up_to_form_error(one, best):
             return True
+        if self.closes_large_gap(best, one):
+            return False
         difference = self.block_losses(one) - self.block_losses(best)
         if difference_interval(self.blocks, difference)[0] > 0.0:
             return False

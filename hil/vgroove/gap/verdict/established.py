@@ -219,11 +219,12 @@ def best_established(search: Search, found: Fit, covariates: Covariates, examine
 
 
 def replaces(search: Search, one: Fit, found: Fit) -> bool:
-    """Whether an established set of a smaller squared gap replaces another one: not where both
-    predict the held-out rows equally well, and with further members only where it is better. The
-    empty set is replaced by any: the members of an established one are significant.
+    """Whether an established set of a smaller squared gap replaces another one. It does where the
+    other one is empty (its own members are significant), and where it closes nearly all of what the
+    other one leaves far from the noise; else not where both predict the held-out rows equally well,
+    and with further members only where it is better.
     """
-    if not found.ids:
+    if not found.ids or search.closes_far_gap(one, found):
         return True
     if search.is_tied(found, one):
         return False
