@@ -1012,7 +1012,9 @@ def test_a_pair_is_tried_where_no_effect_alone_closes_a_visible_gap(
     state.closes_visible_gap = lambda fit: fit is pair and seen
     monkeypatch.setattr(forward, "prefer_special_cases", lambda _, best, base=None: best)
     monkeypatch.setattr(forward, "deepest_minimum", lambda _, best: best)
-    monkeypatch.setattr(forward, "grow", lambda *_: pair)
+    grown = iter([pair, None])  # no third effect
+    monkeypatch.setattr(forward, "grow", lambda *_: next(grown))
+    monkeypatch.setattr(forward, "rescale", lambda search: search)
     assert forward.forward(state)[1] is (pair if seen else state.retuned)
 
 

@@ -102,14 +102,9 @@ def _coupler_stiffness(s: Scales, rad_s: float) -> float:
     return s.inertia * rad_s**2
 
 
-def _wound_up_by_a_turn(s: Scales) -> float:
-    """Stiffness, N m/rad, of a spring that the motor's torque winds up by a turn of the output."""
-    return s.torque / (s.ratio * 2.0 * pi)
-
-
 def _softest_coupler(s: Scales) -> float:
     """Lower bound of the stiffness, N m/rad."""
-    return max(_wound_up_by_a_turn(s), _coupler_stiffness(s, COUPLER_RAD_S[0]))
+    return _coupler_stiffness(s, COUPLER_RAD_S[0])
 
 
 def _stiffest_coupler(s: Scales) -> float:
@@ -173,7 +168,7 @@ EFFECTS = (
                 tuple(0.02 * 1.4**n for n in range(20)),
                 key=POSITIVE,
                 neutral=OFF_AT_INFINITY,
-                widest_low=_wound_up_by_a_turn,
+                widest_low=_softest_coupler,
                 plausible=lambda s: _coupler_stiffness(s, 50.0),
             ),
             Parameter(

@@ -1,17 +1,11 @@
 """Effects of the supply."""
 
 from .common import LONGEST, series_resistance, time_constant
-from .entry import ZERO, Effect, Parameter, Scales
+from .entry import ZERO, Effect, Parameter
 
 # A battery cannot lose more than its voltage: by the slowest polarisation that is looked for, of
 # LONGEST durations of the log, or by a mean current of as small a share of the largest one
 MOST_LOSS = LONGEST
-MOST_VOLT_PER_COULOMB = 1.0  # of a capacitor of 1 F, the smallest store that drives a motor
-
-
-def _most_volt_per_coulomb(s: Scales) -> float:
-    return min(MOST_VOLT_PER_COULOMB, MOST_LOSS * s.volt / (s.amp * s.duration))
-
 
 EFFECTS = (
     Effect(
@@ -33,8 +27,8 @@ EFFECTS = (
                 "V/C",
                 lambda s: 0.02 * s.volt / (s.amp * s.duration),
                 ZERO,
-                _most_volt_per_coulomb,
-                widest_high=_most_volt_per_coulomb,
+                lambda s: MOST_LOSS * s.volt / (s.amp * s.duration),
+                physical="high",
                 plausible=lambda s: 0.2 * s.volt / (s.amp * s.duration),
             ),
             Parameter(
