@@ -1,5 +1,5 @@
-// Rows of eight parameter sets at once by the solver with error control, core states alone. A
-// separate source file, so that both variants can be compiled at the same time.
+// Rows of eight parameter sets at once by the solver with error control, core states alone;
+// run_wide_full.cpp has all states. Two source files are compiled in parallel.
 #define VGROOVE_PARTS_CLONED
 #include "drivetrain/run_rows.hpp"
 

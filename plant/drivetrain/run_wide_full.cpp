@@ -1,5 +1,5 @@
-// Rows of eight parameter sets at once by the solver with error control, all states. A separate
-// source file, so that both variants can be compiled at the same time.
+// Rows of eight parameter sets at once by the solver with error control, all states;
+// run_wide_core.cpp has the core states alone. Two source files are compiled in parallel.
 #define VGROOVE_PARTS_CLONED
 #include "drivetrain/run_rows.hpp"
 

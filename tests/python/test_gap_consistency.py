@@ -714,7 +714,9 @@ def test_the_size_of_a_member_is_judged_by_the_share_that_it_closes(
 def test_an_established_set_replaces_the_empty_one_and_any_that_it_betters(
     found: tuple[str, ...], tied: bool, better: bool, far: bool, replaced: bool
 ) -> None:
-    """far: whether it closes nearly all of a gap that the other leaves far from the noise."""
+    """far: whether the other set leaves a gap far above the noise of which this one closes nearly
+    all.
+    """
     state = SimpleNamespace(
         is_tied=lambda *_: tied, is_better=lambda *_: better, closes_far_gap=lambda *_: far
     )

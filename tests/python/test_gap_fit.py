@@ -77,7 +77,9 @@ def test_a_difference_step_stays_within_the_bounds(
 
 
 def test_a_change_of_a_stated_size_ends_at_zero_to_the_last_bit() -> None:
-    """In floating point a stated size plus the change that cancels it may be -1e-17."""
+    """The sum of a stated size and of the change that takes it back to 0 may be rounded to -1e-17,
+    which the plant would refuse as a negative size.
+    """
     for stated in np.random.default_rng(1).uniform(0.0, 1.0, 200):
         number = Coordinate("one", (0,), (0.04,), 0.0, -stated, 1.0, stated=stated)
         points = np.nextafter(-stated, [[-1.0], [-stated], [1.0]])

@@ -30,7 +30,9 @@ TORQUE_CONSTANT, INERTIA = 0.44, 0.0021
 
 
 def servo(torque_constant: float = TORQUE_CONSTANT, inertia: float = INERTIA) -> dict:
-    """A gear motor with an encoder, driven by a duty, at its output."""
+    """Rig of a gear motor that a duty cycle drives, with an encoder on its output shaft. All values
+    are referred to that shaft.
+    """
     motor = {
         "resistance_ohm": 6.7,
         "inductance_h": 0.005,
@@ -55,8 +57,8 @@ def servo(torque_constant: float = TORQUE_CONSTANT, inertia: float = INERTIA) ->
 
 
 def begun(seed: int) -> Search:
-    """A search with the rig of the servo on 2 s of one whose torque constant and inertia are 12 to
-    30 % and 60 to 140 % larger, drawn.
+    """A search that starts from the rig servo() and has a simulated log of 2 s. In the simulation
+    the torque constant is larger by 12 to 30 % and the inertia by 60 to 140 %, both drawn.
     """
     rng = np.random.default_rng(seed)
     tool = servo(
@@ -78,8 +80,9 @@ def begun(seed: int) -> Search:
 
 @pytest.mark.parametrize("seed", [3, 5])
 def test_a_pair_that_reaches_the_noise_is_compared_in_units_of_the_noise(seed: int) -> None:
-    """The single effects end far from it, so that sigma was widened; with the widened one every
-    set would seem as good as the pair.
+    """Each single effect leaves a gap far above the noise, so that the search multiplies sigma by
+    a factor above 1 (the discrepancy). For a pair that reaches the noise the factor is 1: with the
+    larger sigma, sets that leave far more would count as equally good.
     """
     singles = fit_single_effects(begun(seed))
     assert np.all(singles.engine.discrepancy > 2.0)

@@ -125,7 +125,9 @@ def test_the_prior_density_of_a_set_is_the_product_over_its_members() -> None:
 
 
 def test_the_least_plausible_number_of_an_effect_counts() -> None:
-    """The droop of a supply has two sizes: the second one, three plausible sizes, decides."""
+    """supply_droop has two numbers with a plausible size. The prior density of the effect is that
+    of the number that is larger in units of its plausible size.
+    """
     toy, droop = Toy({}), BY_ID["supply_droop"]
     state = SimpleNamespace(problem=toy, engine=Engine(toy, SCALES, {}))
     theta = toy.theta0.copy()

@@ -126,8 +126,9 @@ def test_a_covariate_that_is_mostly_constant_has_a_smooth_curve() -> None:
 
 @pytest.mark.parametrize("turned_rad", [0.03, 0.3, 3.0, 6.28318])
 def test_a_part_of_a_turn_has_a_smooth_curve(turned_rad: float) -> None:
-    """The curve is fitted to three periods: its points lie apart also where two of them meet, and
-    in a log that passes a small part of a turn.
+    """The spline is fitted to the points of one turn and to copies of them one turn before and one
+    turn after. Points that almost coincide, where copies adjoin or in a log of a small angle, would
+    make the fit singular.
     """
     angle = turned_rad * np.random.default_rng(5).beta(0.5, 0.5, 3000)
     covariate = correlates.Covariate("angle", angle, TURN_RAD)

@@ -109,7 +109,9 @@ def test_what_a_log_shows_of_a_wheel_and_of_a_gear() -> None:
 
 
 def test_a_tolerated_mass_of_the_pendulum_is_retuned() -> None:
-    """The mass is fitted as a tolerated value of the rig, and no effect is named."""
+    """The rig's mass is 5 % too large, within its tolerance: it is corrected, and no effect is
+    named.
+    """
     tool = servo(load=PENDULUM)
     stated = servo(load=PENDULUM | {"mass_kg": 0.021}, tolerance={"load.mass_kg": 0.05})
     found = diagnose([encoder_log(tool, swing(0.6, 1.2))], stated)
@@ -135,8 +137,8 @@ def test_a_tolerated_mass_of_the_pendulum_is_retuned() -> None:
 def test_a_way_back_shows_that_a_torque_belongs_to_the_angle(
     turns: tuple[float, ...], repeated: float
 ) -> None:
-    """turns: angles between which the shaft turns; repeated: twice the longest period that such a
-    log can show, in turns.
+    """turns: angles, in turns, at which the shaft starts, reverses and ends. repeated: twice the
+    longest period, in turns, for which the log can show that a torque repeats with the angle.
     """
     angle = np.interp(np.linspace(0.0, 1.0, 501), np.linspace(0.0, 1.0, len(turns)), turns)
     rng = np.random.default_rng(2)

@@ -173,8 +173,8 @@ def test_the_balance_of_a_noiseless_log_is_zero_for_the_true_parameters(
 
 @pytest.mark.parametrize("ratio", [1.0, 5.6])
 def test_a_pendulum_is_part_of_the_inertia_of_the_balance(ratio: float) -> None:
-    """The pendulum's mass times its length squared is most of the inertia; [gearbox] does not
-    contain it.
+    """Most of the inertia at the shaft is the pendulum's, mass times length squared. The rig states
+    it by [load] alone: gearbox.output_inertia_kg_m2 does not contain it.
     """
     pendulum = {"kind": "pendulum", "mass_kg": 4e-3, "length_m": 0.2, "zero_rad": 0.3}
     data = tool_of("current_a").as_dict() | {"load": pendulum}
@@ -382,8 +382,8 @@ def test_an_implausible_inertia_does_not_hide_a_failure() -> None:
 def test_where_the_simulation_fails_for_want_of_a_weight_alone_it_is_kept(
     weight: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Once the weight is fitted, the forward simulation determines the friction more precisely than
-    the torque balance.
+    """With the weight among the fitted effects the forward simulation is valid, and its confidence
+    interval of the friction is narrower than that of the torque balance.
     """
     tool = tool_of("current_a")
     pendulum = {"kind": "pendulum", "mass_kg": 0.3, "length_m": 0.2}

@@ -4,8 +4,8 @@ from .common import relative, time_constant
 from .entry import OFF_AT_INFINITY, ZERO, Effect, Parameter, Separation, constant
 from .keys import POSITIVE
 
-# Of the smallest motors, whose winding is 0.1 g of copper (0.39 J/(g K)) and gives its heat to the
-# housing in a second
+# Limits in practice: the winding of the smallest motors is 0.1 g of copper (0.39 J/(g K)), and its
+# thermal time constant about 1 s
 MOST_KELVIN_PER_JOULE = 25.0
 SHORTEST_COOLING_S = 0.5
 

@@ -236,8 +236,8 @@ def _quadratics(
 def _fit_quadratics(
     seen: Observations, time_s: np.ndarray, part: np.ndarray, with_pattern: bool
 ) -> list[LocalFit]:
-    """Quadratic fits in time about the instants (n,), each to the observations with the indices in
-    its row of `part` (n, m).
+    """Parabolas in time by least squares, one for each instant in time_s (n,), from which its time
+    is counted; row i of `part` (n, m) holds the indices of the observations that the i-th one fits.
     """
     start, end = seen.start_s[part] - time_s[:, None], seen.end_s[part] - time_s[:, None]
     scale = np.maximum(-start[:, 0], end[:, -1])

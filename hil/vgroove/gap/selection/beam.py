@@ -69,6 +69,7 @@ def best_of_beam(search: Search) -> Fit:
     """
     for size in range(1, STEPWISE.max_effects):
         bases = best_fitting(search, size)
+        # pairs are always fitted: a single effect of several numbers may imitate two others
         if not bases or (size > 1 and not search.is_far_from_noise(bases[0])):
             break
         candidates = [

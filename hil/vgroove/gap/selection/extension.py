@@ -7,6 +7,7 @@ its own. Only the best candidates are then fitted.
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from vgroove.gap.selection.search_state import Search, key
 # first-order candidates that are kept of a set; chosen on the tuning half of the blind set
 # (docs/gap_bench.md)
 MAX_EXTENSIONS = 6
-MAX_STARTS = 2  # of these candidates that differ only in where the further effect starts
+MAX_STARTS = 2  # of these, candidates with the same further effect at other start values
 NO_COST = np.inf  # cost of a first-order fit, which is not evaluated
 
 
@@ -67,16 +68,17 @@ def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[F
 
 
 def best_of_each_effect(fits: Iterable[Fit], score: Callable[[Fit], float]) -> list[Fit]:
-    """The MAX_STARTS best fits of each last effect: one of many starts leaves room for the others.
-    Worse ones are not kept, because each holds the residuals of all rows.
+    """Of the fits that end with the same effect, the MAX_STARTS of the smallest score: an effect
+    with many start values must not take the places of all other effects. The rest is not kept in
+    memory, because each fit holds the residuals of all rows.
     """
-    best: dict[str, list[Fit]] = {}
+    best: dict[str, list[tuple[float, Fit]]] = {}
     for one in fits:
         mine = best.setdefault(one.ids[-1], [])
-        mine.append(one)
-        mine.sort(key=score)
+        mine.append((score(one), one))
+        mine.sort(key=itemgetter(0))
         del mine[MAX_STARTS:]
-    return [one for mine in best.values() for one in mine]
+    return [one for mine in best.values() for _, one in mine]
 
 
 def added_effects(search: Search, base: Fit) -> list[AddedEffect]:

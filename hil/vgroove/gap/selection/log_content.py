@@ -111,8 +111,9 @@ def passed_again(turning: np.ndarray) -> float:
 
 
 def turning_rows(angle: np.ndarray, least: float) -> list[int]:
-    """Rows of the turning points of an angle (rows,): extremes after which it changes by more than
-    `least` in the other direction. The first and the last row are included.
+    """Indices of the rows at which an angle (rows,) reverses its direction: maxima that it then
+    falls below, and minima that it then exceeds, by more than `least`. The first and the last row
+    are included.
     """
     rows, extreme_row, direction = [0], 0, 0.0
     for row, value in enumerate(angle):

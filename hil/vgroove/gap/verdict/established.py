@@ -219,10 +219,10 @@ def best_established(search: Search, found: Fit, covariates: Covariates, examine
 
 
 def replaces(search: Search, one: Fit, found: Fit) -> bool:
-    """Whether an established set of a smaller squared gap replaces another one. It does where the
-    other one is empty (its own members are significant), and where it closes nearly all of what the
-    other one leaves far from the noise; else not where both predict the held-out rows equally well,
-    and with further members only where it is better.
+    """Whether an established set `one` replaces the established set `found`, whose squared gap is
+    larger. It does if `found` is empty, or leaves a gap far above the noise of which `one` closes
+    nearly all. Otherwise the two must not be tied, and a set of more members must be significantly
+    better.
     """
     if not found.ids or search.closes_far_gap(one, found):
         return True
