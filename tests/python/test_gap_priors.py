@@ -18,9 +18,9 @@ from vgroove.gap.catalogue import BY_ID, CATALOGUE
 from vgroove.gap.catalogue.keys import RELATIVE
 from vgroove.gap.fitting.coordinates import WIDER, HypothesisBuilder
 from vgroove.gap.fitting.engine import Engine
-from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate
+from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate, Hypothesis
 from vgroove.gap.residual.loading import load_problem
-from vgroove.gap.selection import search, search_state, size_prior
+from vgroove.gap.selection import search, search_state, single_effects, size_prior
 from vgroove.gap.selection.log_content import effect_scales
 from vgroove.rig import Rig, rig_from_dict
 from vgroove.units import RAD_S_PER_RPM
@@ -371,6 +371,35 @@ def test_a_relative_size_is_widened_to_no_factor_of_zero(effect: str) -> None:
         assert coordinate.ends_at_search_bound(coordinate.low) and -0.951 < low < 0.0
         builder.widen(SimpleNamespace(hypothesis=hypothesis, x=np.array([coordinate.low])))
     assert low == pytest.approx(-0.95)
+
+
+@pytest.mark.parametrize(
+    ("effect", "at", "again"),
+    [
+        ("clock_skew", "high", 0),  # a range of docs/spec/gap.md, section 3
+        ("torque_constant", "low", 1),  # from -0.5 to -0.95, no further
+        ("torque_constant", "high", single_effects.STARTS.max_widenings),
+    ],
+)
+def test_an_effect_is_fitted_again_only_where_its_bound_moves(
+    effect: str, at: str, again: int
+) -> None:
+    """Each fit ends at its bound again."""
+    engine = Engine(Toy({}), SCALES, {})
+    fits: dict[tuple[str, ...], SimpleNamespace] = {}
+    rounds: list[int] = []
+
+    def fit_and_keep(hypotheses: list[Hypothesis], most_rounds: int) -> None:
+        rounds.append(most_rounds)
+        for h in hypotheses:
+            fits[h.ids] = SimpleNamespace(ids=h.ids, hypothesis=h, x=getattr(h, at).copy())
+
+    fit_and_keep([next(iter(engine.hypotheses([BY_ID[effect]])))], 0)
+    state = SimpleNamespace(
+        engine=engine, effects=[BY_ID[effect]], fits=fits, fit_and_keep=fit_and_keep
+    )
+    single_effects.refit_at_wider_bounds(state)
+    assert len(rounds) == 1 + again
 
 
 @pytest.mark.parametrize("duration_s", [0.02, 0.4, 3.0, 600.0])

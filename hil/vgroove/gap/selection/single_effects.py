@@ -113,12 +113,26 @@ def refit_at_wider_bounds(search: Search) -> None:
     """Fit the effects again whose numbers end at a bound of the search, with wider bounds."""
     for _ in range(STARTS.max_widenings):
         fits = [search.fits[(e.id,)] for e in search.effects]
-        again = [one for one in fits if search.engine.builder.widen(one)]
+        at_bound = [one for one in fits if search.engine.builder.widen(one)]
+        starts = [near_start(search, one) for one in at_bound]
+        again = [h for one, h in zip(at_bound, starts, strict=True) if leaves_bound(one, h)]
         if not again:
             return
-        for one in again:
-            del search.fits[one.ids]
-        search.fit_and_keep([near_start(search, one) for one in again], COMPARISON.max_rounds)
+        for h in again:
+            del search.fits[h.ids]
+        search.fit_and_keep(again, COMPARISON.max_rounds)
+
+
+def leaves_bound(one: Fit, wider: Hypothesis) -> bool:
+    """Whether a number that ends at a bound of the search does not within the bounds of a wider
+    hypothesis. It still does where a bound of practice (widest_low, widest_high of the catalogue)
+    stops the widening.
+    """
+    pairs = zip(one.hypothesis.coordinates, wider.coordinates, one.x, strict=True)
+    return any(
+        narrow.ends_at_search_bound(float(x)) and not wide.ends_at_search_bound(float(x))
+        for narrow, wide, x in pairs
+    )
 
 
 def near_start(search: Search, one: Fit) -> Hypothesis:
