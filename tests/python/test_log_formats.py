@@ -26,6 +26,7 @@ from scipy.io import savemat
 from telemetry_board import ROOT
 from vgroove.errors import VgrooveError
 from vgroove.log import ColumnMap, Log, as_list, as_log, column_map, read_log, write_csv
+from vgroove.log.stated_units import unit_in_name
 from vgroove.log.units_of_columns import UNITS, unit_factor
 from vgroove.units import RPM_PER_RAD_S
 
@@ -369,7 +370,97 @@ def test_units_are_those_of_physics() -> None:
     assert unit_factor("deg/s", "speed_rpm") == pytest.approx(1 / 6)
     assert unit_factor("°", "position_rad") == pytest.approx(np.pi / 180)
     assert unit_factor("N mm", "load_nm") == 1e-3 and unit_factor("µs", "time_s") == 1e-6
+    assert unit_factor("lbf·in", "load_nm") == pytest.approx(0.112985, rel=1e-5)
+    assert unit_factor("ft-lb", "load_nm") == pytest.approx(1.355818, rel=1e-6)
+    assert unit_factor("ozf in", "load_nm") == pytest.approx(7.06155e-3, rel=1e-5)
+    assert unit_factor("rad·s⁻¹", "speed_rpm") == unit_factor("rad/s", "speed_rpm")
     assert unit_factor("5.6 rpm", "speed_rpm") == 5.6 and unit_factor("-1", "duty") == -1.0
+
+
+UNKNOWN_UNITS = [
+    ("current_a", "10mA", '"I [10mA]:10mA=current_a"'),
+    ("current_a", "A rms", '"I [A rms]:FACTOR A=current_a"'),
+    ("current_a", "Arms", '"I [Arms]:FACTOR A=current_a"'),
+    ("current_a", "mV", '"I [mV]:FACTOR A=current_a"'),
+    ("current_a", "20 A", '"I [20 A]:A=current_a"'),
+    ("current_a", "filtered mA", '"I [filtered mA]:FACTOR A=current_a"'),
+    ("current_a", "LSB", '"I [LSB]:FACTOR A=current_a"'),
+    ("speed_rpm", "counts/s", '"I [counts/s]:FACTOR rpm=speed_rpm"'),
+    ("speed_rpm", "erpm", '"I [erpm]:FACTOR rpm=speed_rpm"'),
+    ("speed_rpm", "el. Hz", '"I [el. Hz]:FACTOR rpm=speed_rpm"'),
+    ("load_nm", "kgf·m", '"I [kgf·m]:FACTOR Nm=load_nm"'),
+    ("position_rad", "rad s^-1", '"I [rad s^-1]:FACTOR rad=position_rad"'),
+    ("duty", "V", '"I [V]:FACTOR=duty"'),
+    ("duty", "10%", '"I [10%]:10%=duty"'),
+    ("time_s", "ticks", '"I [ticks]:FACTOR s=time_s"'),
+]
+REMARKS = {
+    "current_a": "raw|filtered|M1|left|1|phase A|A/D|W|d|q|in|max|min|10kHz|25 degC|A side|V1|a",
+    "speed_rpm": "motor shaft|output|12V|rpm motor|I/O|on/off|min|2",
+    "duty": "0..255|2|-|1 kHz|PWM|open/closed",
+    "time_s": "UTC|abs|since start|s since start",
+}
+
+
+def with_name(column: str, name: str) -> dict[str, np.ndarray]:
+    """The columns of the sample log with the values of a column, of the current where there is no
+    such one, under a name.
+    """
+    columns = own(sample())
+    return {name: columns.pop(column, columns["current_a"])} | columns
+
+
+@pytest.mark.parametrize(("column", "unit", "option"), UNKNOWN_UNITS)
+def test_a_unit_that_is_not_known_is_refused_with_the_option(
+    tmp_path: Path, column: str, unit: str, option: str
+) -> None:
+    (tmp_path / "a.csv").write_text(text_of(with_name(column, f"I [{unit}]")))
+    plain = column_map([f"I [{unit}]={column}"])
+    refused(tmp_path / "a.csv", f"not read in {unit!r}", f"--map {option}", columns=plain)
+    stated = column_map([option.strip('"').replace("FACTOR", "0.5")])
+    assert column in read_log(tmp_path / "a.csv", stated)
+
+
+@pytest.mark.parametrize("column", REMARKS)
+def test_a_bracket_that_is_no_unit_is_a_remark(tmp_path: Path, column: str) -> None:
+    for text in REMARKS[column].split("|"):
+        (tmp_path / "a.csv").write_text(text_of(with_name(column, f"I [{text}]")))
+        log = read_log(tmp_path / "a.csv", column_map([f"I [{text}]={column}"]))
+        assert same(log, sample()), text
+
+
+@given(
+    st.sampled_from([case for case in CASES if case[1] not in ("", "1")]),
+    st.sampled_from(["filtered", "raw", "motor 2", "side"]),
+)
+@settings(max_examples=200, deadline=None)
+def test_each_unit_is_read_from_brackets_and_before_a_remark(case: tuple, remark: str) -> None:
+    column, unit, factor = case
+    written = (
+        f"[{unit}]",
+        f"({unit})",
+        f"（{unit}）",
+        f"[{unit} {remark}]",
+        f"[{unit}] ({remark})",
+    )
+    for text in written:
+        found = unit_in_name(f"I {text}", column)
+        assert found and found.factor == factor, text
+    assert unit_in_name(f"I [20 {unit}]", column).factor is None
+
+
+def test_a_unit_in_the_name_and_another_one_below_it_are_refused(tmp_path: Path) -> None:
+    columns = own(sample()) | {"I [A]": sample()["current_a"] * 1e3}
+    names, *rows = text_of(columns).splitlines()
+    for units, refuses in (("s,1,A,rpm,mA", True), ("s,1,A,rpm,A", False), ("s,,,,", False)):
+        (tmp_path / "a.csv").write_text("\n".join([names, units, *rows]) + "\n")
+        if refuses:
+            said = ("'A'", "'mA'", '--map "I [A]:A=current_a"')
+            refused(tmp_path / "a.csv", *said, columns=column_map(["I [A]=current_a"]))
+        else:
+            read_log(tmp_path / "a.csv", column_map(["I [A]=current_a"]))
+    mended = read_log(tmp_path / "a.csv", column_map(["I [A]:mA=current_a"]))
+    assert same(mended, sample(), 1e-9)
 
 
 # MF4
@@ -449,13 +540,15 @@ def test_a_hole_in_a_channel_stays_a_hole(tmp_path: Path) -> None:
     assert missing[100:200].all() and not missing[:100].any() and not missing[200:].any()
 
 
-def test_an_unknown_unit_of_a_channel_is_reported(tmp_path: Path) -> None:
+def test_an_unknown_unit_of_a_channel_is_refused(tmp_path: Path) -> None:
     log = sample()
     path = mf4(
         tmp_path / "a.mf4",
         [[Signal(log[n], log.time_s, name=n, unit="furlong") for n in log.columns]],
     )
-    assert any("'furlong' of current_a is not known" in w for w in read_log(path).warnings)
+    refused(path, "not read in 'furlong'", '--map "duty:FACTOR=duty"')
+    stated = [f"{n}:2 {u}={n}" for n, u in (("current_a", "A"), ("speed_rpm", "rpm"), ("duty", ""))]
+    assert np.allclose(read_log(path, column_map(stated))["current_a"], 2.0 * log["current_a"])
 
 
 # MAT, Parquet, tables

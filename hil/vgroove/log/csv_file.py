@@ -75,7 +75,7 @@ def _read(path: Path, columns: ColumnMap) -> Log:
         if column == "time_s" and rows.dates:
             found[column] = values - values[0]
             continue
-        factor = factor_of(place, column, unit, warnings, str(path))
+        factor = factor_of(place, column, unit, str(path))
         found[column] = values * factor if factor != 1.0 else values
     time_s = found.pop("time_s")
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))

@@ -49,7 +49,7 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     unknown = [name for name in mdf.channels_db if name not in used]
     check_columns(str(path), {TIME_COLUMN, *places}, unknown)
     warnings = [f"{path}: the unknown column {name} is ignored." for name in unknown]
-    found = [_channel(mdf, path, column, place, warnings) for column, place in places.items()]
+    found = [_channel(mdf, path, column, place) for column, place in places.items()]
     base = _time_base(mdf, path, columns, found)
     resampled = {c.column: _resampled(c, base) for c in found}
     warnings += _resampling_warnings(path, found, base)
@@ -72,10 +72,10 @@ def _time_factor(path: Path, place: Place | None, masters: set[str]) -> float:
     return 1.0 if place.factor is None else place.factor
 
 
-def _channel(mdf: Any, path: Path, column: str, place: Place, warnings: list[str]) -> Channel:
+def _channel(mdf: Any, path: Path, column: str, place: Place) -> Channel:
     """A log column of the file, in the unit of the log."""
     signal = _signal(mdf, path, place.name)
-    factor = factor_of(place, column, signal.unit, warnings, str(path))
+    factor = factor_of(place, column, signal.unit, str(path))
     times = np.asarray(signal.timestamps, float)
     return Channel(place.name, column, times, signal.samples.astype(float) * factor)
 

@@ -71,8 +71,8 @@ def proposed_options(
 
 def _written(name: str) -> str:
     """NAME:UNIT of an option, or NAME where the name states its unit."""
-    from vgroove.log.units_of_columns import unit_in_name
+    from vgroove.log.stated_units import has_unit
 
-    if unit_in_name(name):
+    if has_unit(name):
         return f"{name}:" if ":" in name else name
     return f"{name}:UNIT"

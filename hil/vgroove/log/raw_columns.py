@@ -9,10 +9,14 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.log.column_map import ColumnMap, Place, other_names
+from vgroove.log.stated_units import (
+    needed_factor,
+    refuse_contradiction,
+    unit_in_name,
+    unit_of_place,
+)
 from vgroove.log.table import Log, check_columns, checked
-from vgroove.log.units_of_columns import TIME_COLUMN, known_unit, own_unit, unit_in_name
-
-NO_UNIT = ("", "-")  # that a file states for plain numbers
+from vgroove.log.units_of_columns import TIME_COLUMN
 
 
 @dataclass(frozen=True)
@@ -27,22 +31,18 @@ class RawColumns:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
-def factor_of(place: Place, column: str, unit: str, warnings: list[str], source: str) -> float:
+def factor_of(place: Place, column: str, unit: str, source: str) -> float:
     """Factor from a column of a source to the log's unit: of the map's unit, else of the unit that
-    the source or the name of its column states, else 1; a warning is added for a unit that is not
-    known.
+    the source or the name of its column states, else 1; VgrooveError for a unit that is not known
+    and for two that differ.
     """
     if place.factor is not None:
         return place.factor
-    unit = unit if unit.strip() not in NO_UNIT else unit_in_name(place.name)
-    known = known_unit(unit, column) if unit else 1.0
-    if known is None:
-        own = own_unit(column) or "1"
-        warnings.append(
-            f"{source}: the unit {unit!r} of {place.name} is not known: taken as {own}."
-        )
-        return 1.0
-    return known
+    stated, named = unit_of_place(unit, column), unit_in_name(place.name, column)
+    if stated and named:
+        refuse_contradiction(stated, named, place.name, column, source)
+    found = stated or named
+    return needed_factor(found, place.name, column, source) if found else 1.0
 
 
 def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
@@ -56,7 +56,7 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
     for column, place in places.items():
         unit = raw.units.get(place.name, "")
         values = numbers(raw.values(place.name), f"{raw.source}: column {place.name}")
-        found[column] = values * factor_of(place, column, unit, warnings, raw.source)
+        found[column] = values * factor_of(place, column, unit, raw.source)
     time_s = found.pop(TIME_COLUMN)
     for column, values in found.items():
         if len(values) != len(time_s):

@@ -8,11 +8,13 @@ from vgroove.log.table import COLUMN_UNITS
 from vgroove.units import RPM_PER_RAD_S, TURN_RAD
 
 TIME_COLUMN = "time_s"
+# International yard and pound agreement of 1959, and standard gravity of ISO 80000-3
+INCH_M, POUND_FORCE_N, GRAVITY_M_S2 = 0.0254, 4.4482216152605, 9.80665
 # own unit of a column -> other units and what one of them is in the own unit
 UNITS: dict[str, dict[str, float]] = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
-    "V": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0},
+    "A": {"A": 1.0, "dA": 0.1, "cA": 1e-2, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
+    "V": {"V": 1.0, "dV": 0.1, "cV": 1e-2, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "rpm": {
         "rpm": 1.0,
         "1/min": 1.0,
@@ -26,25 +28,64 @@ UNITS: dict[str, dict[str, float]] = {
         "krpm": 1e3,
     },
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "rev": TURN_RAD, "turn": TURN_RAD},
-    "Nm": {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3},
-    "mm": {"mm": 1.0, "m": 1e3, "um": 1e-3},
-    "": {"": 1.0, "1": 1.0, "%": 1e-2},
+    "Nm": {
+        "Nm": 1.0,
+        "dNm": 0.1,
+        "cNm": 1e-2,
+        "mNm": 1e-3,
+        "uNm": 1e-6,
+        "Nmm": 1e-3,
+        "Ncm": 1e-2,
+        "kNm": 1e3,
+        "lbf·in": POUND_FORCE_N * INCH_M,
+        "lbf·ft": POUND_FORCE_N * 12.0 * INCH_M,
+        "ozf·in": POUND_FORCE_N * INCH_M / 16.0,
+        "kgf·cm": GRAVITY_M_S2 * 1e-2,
+    },
+    "mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3},
+    "": {"": 1.0, "1": 1.0, "%": 1e-2, "‰": 1e-3},
 }
-SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "°": "deg", " ": "", "·": "", "*": ""})
-# other spellings of units, in small letters
-ALIASES = {
-    "sec": "s",
-    "msec": "ms",
-    "usec": "us",
-    "u/min": "rpm",
-    "r/min": "rpm",
-    "rev/min": "rpm",
-    "rad/sec": "rad/s",
-    "deg/sec": "deg/s",
-    "n.m": "Nm",
-    "percent": "%",
+SPELLINGS = str.maketrans(
+    {"µ": "u", "μ": "u", "°": "deg", "％": "%", "⁻": "^-", "¹": "1"} | dict.fromkeys(" ·*⋅×", "")
+)
+# unit: its other spellings, in small letters
+OTHER_SPELLINGS = {
+    "s": ("sec", "second", "seconds", "sek"),
+    "ms": ("msec",),
+    "us": ("usec",),
+    "d": ("days",),
+    "A": ("amp", "amps", "ampere"),
+    "V": ("volt", "volts", "vdc"),
+    "mV": ("mvdc",),
+    "rpm": (
+        "u/min",
+        "r/min",
+        "t/min",
+        "t/mn",
+        "tr/min",
+        "tr/mn",
+        "rev/min",
+        "umdr/min",
+        "umdr./min",
+        "об/мин",
+        "min-1",
+    ),
+    "krpm": ("1000/min", "x1000rpm"),
+    "rad/s": ("rad/sec", "rads^-1", "rads-1"),
+    "deg/s": ("deg/sec", "degs^-1"),
+    "rev/s": ("rps", "turn/s", "turns/s"),
+    "1/s": ("s^-1", "s-1"),
+    "deg": ("degree", "degrees"),
+    "turn": ("turns",),
+    "Nm": ("n.m",),
+    "lbf·in": ("lbf.in", "lbf-in", "lbin", "lb-in", "inlbf", "in-lbf", "in-lb"),
+    "lbf·ft": ("lbf.ft", "lbf-ft", "lbft", "lb-ft", "ftlbf", "ft-lbf", "ft-lb"),
+    "ozf·in": ("ozf.in", "ozf-in", "ozin", "oz-in", "in-oz"),
+    "%": ("percent",),
+    "‰": ("permille",),
+    "1": ("p.u.", "pu", "ratio"),
 }
-IN_BRACKETS = re.compile(r"[(\[]([^()\[\]]*)[)\]]\s*$")
+ALIASES = {other: unit for unit, others in OTHER_SPELLINGS.items() for other in others}
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -55,13 +96,18 @@ def own_unit(column: str) -> str:
 
 def known_unit(text: str, column: str) -> float | None:
     """What one of a unit is in the column's own unit; None for an unknown unit."""
-    own = own_unit(column)
-    units, name = UNITS.get(own, {own: 1.0}), text.strip().translate(SPELLINGS)
-    name = ALIASES.get(name.lower(), name)
+    own, name = own_unit(column), _spelt(text)
+    units = {_spelt(unit): factor for unit, factor in UNITS.get(own, {own: 1.0}).items()}
+    name = _spelt(ALIASES.get(name.lower(), name))
     if name in units:
         return units[name]
     alike = [factor for unit, factor in units.items() if unit.lower() == name.lower()]
     return alike[0] if len(alike) == 1 else None
+
+
+def _spelt(unit: str) -> str:
+    """A unit without spaces and signs of multiplication, in the letters of the table."""
+    return unit.strip().translate(SPELLINGS)
 
 
 def is_unit(text: str) -> bool:
@@ -70,12 +116,6 @@ def is_unit(text: str) -> bool:
         known is not None and text.strip()
         for known in (known_unit(text, column) for column in (TIME_COLUMN, *COLUMN_UNITS))
     )
-
-
-def unit_in_name(name: str) -> str:
-    """The unit that a name of a file states at its end, as in Time (ms) or I [mA]; else empty."""
-    found = IN_BRACKETS.search(name)
-    return found[1] if found and is_unit(found[1]) else ""
 
 
 def unit_factor(text: str, column: str) -> float:
