@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from made_log import drive_log, rig
@@ -22,7 +24,7 @@ from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, unit_findings
 from vgroove.gap.log_check.nominal import starts_moving_or_deflected
-from vgroove.gap.log_check.plausible import TIME_UNITS
+from vgroove.gap.log_check.plausible import TIME_UNITS, plausibility_findings
 from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, read_log, write_csv
 from vgroove.log.units_of_columns import unit_factor
@@ -193,6 +195,53 @@ def test_an_angle_within_one_turn_is_refused(turn: float) -> None:
     wrapped = {**turning.columns, "position_rad": turning["position_rad"] % turn}
     found = check_log(replace(turning, columns=wrapped), tool)
     assert found.refused and "within one turn" in found.findings[0].text, found.findings
+
+
+def test_an_angle_that_wraps_once_is_refused() -> None:
+    log, tool = practice()
+    slow = with_angle(log, 2.0 * np.pi)
+    angle = slow["position_rad"] / np.ptp(slow["position_rad"]) * 9.0  # 1.4 turns
+    for shift in (0.0, 1.0, 3.0):
+        wrapped = {**slow.columns, "position_rad": (angle + shift) % (2.0 * np.pi)}
+        found = check_log(replace(slow, columns=wrapped), tool)
+        assert "jumps once" in found.findings[0].text, (shift, found.findings)
+
+
+def test_one_jump_with_the_motion_or_over_a_gap_is_no_wrap() -> None:
+    time_s, slope = np.arange(100) / 100, np.linspace(0.0, 0.5, 100)
+    gap = time_s + np.where(time_s > 0.5, 1.0, 0.0)
+    for times, jump in ((time_s, 9.0), (gap, 9.0), (gap, -9.0)):
+        angle = slope + np.where(time_s > 0.5, jump, 0.0)
+        log = Log(times, {"duty": slope, "position_rad": angle}, "stepped")
+        assert not check_log(log).refused
+    log = Log(time_s, {"duty": slope, "position_rad": angle}, "wrapped")
+    assert check_log(log).refused
+
+
+@given(st.floats(0.02, 1.0))
+@settings(max_examples=50, deadline=None)
+def test_a_driving_voltage_in_mv_is_named_before_the_speed(share: float) -> None:
+    folder = ROOT / "tests/data/real/robotino_m1_delay"
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    top = np.nanmax(np.abs(log["voltage_v"]))
+    for factor, refused in ((24.0 * share / top, False), (24e3 * share / top, True)):
+        found = plausibility_findings(scaled(log, "voltage_v", factor), tool)
+        assert [f.refuses for f in found] == [True] * refused, found
+    assert "voltage_v:mV=voltage_v" in found[0].text
+    assert not plausibility_findings(scaled(log, "voltage_v", 9.9 * 24.0 / top), tool)
+    far = plausibility_findings(scaled(log, "voltage_v", 1.1e4 * 24.0 / top), tool)
+    assert "mV" not in far[0].text and far[0].refuses
+
+
+def test_a_factor_that_the_command_may_have_names_it_too() -> None:
+    folder = ROOT / "tests/data/real/robotino_m1_delay"
+    log, tool = read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+    alone = replace(log, columns={n: log[n] for n in ("voltage_v", "speed_rpm")}, warnings=[])
+    for factor, unit in ((1e-3, "mV"), (-1e-3, "-mV"), (-1.0, "-V")):
+        (found,) = unit_findings(scaled(alone, "speed_rpm", factor), tool)
+        assert f'voltage_v:{unit}=voltage_v"' in found.text and "speed_rpm:" in found.text
+    (found,) = unit_findings(scaled(log, "speed_rpm", 1e-3), tool)
+    assert "voltage_v:" not in found.text  # the current shows that the command is in V
 
 
 def test_a_column_without_a_value_compares_no_sample() -> None:
@@ -377,11 +426,11 @@ def test_commands_end_with_2_for_a_wrong_unit_unless_it_is_wanted(tmp_path: Path
     assert [path.name for path in tmp_path.iterdir()] == ["mA.csv"]
     check = ["log", "check", str(wrong), "--rig", rig_path]
     simulate = ["sim", rig_path, "--log", str(wrong)]
-    for given in (check, simulate):
-        assert isinstance(CliRunner().invoke(app, given).exception, VgrooveError)
-    for given in (check, simulate):
-        done = CliRunner().invoke(app, [*given, "--as-is"])
-        assert done.exit_code == 0 and ("mA=current_a" in done.stderr) == (given is check)
+    for command in (check, simulate):
+        assert isinstance(CliRunner().invoke(app, command).exception, VgrooveError)
+    for command in (check, simulate):
+        done = CliRunner().invoke(app, [*command, "--as-is"])
+        assert done.exit_code == 0 and ("mA=current_a" in done.stderr) == (command is check)
 
 
 def test_a_proposed_map_names_the_column_as_the_file_does(tmp_path: Path) -> None:

@@ -138,7 +138,9 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
     if starts_moving_or_deflected(part, rig):
         slopes = [slope for slope in slopes if slope.factor > 0.0]
-    return _input_findings(slopes, rig) or [f for s in slopes for f in _column_findings(s, rig)]
+    alone = sum(slope.column != "supply_v" for slope in slopes) == 1
+    columns = [f for s in slopes for f in _column_findings(s, rig, alone)]
+    return _input_findings(slopes, rig) or columns
 
 
 def _acceleration_findings(factors: dict[str, float], rig: Rig) -> list[Finding]:
@@ -158,7 +160,7 @@ def _acceleration_findings(factors: dict[str, float], rig: Rig) -> list[Finding]
             if size == -1.0:
                 mends += [_mend(s.column, f"-{COLUMN_UNITS[s.column]}") for s in slopes]
             return [_refusal(what, factor, said, ", or ".join(mends))]
-    return [finding for slope in slopes for finding in _column_findings(slope, rig)]
+    return [f for slope in slopes for f in _column_findings(slope, rig, len(slopes) == 1)]
 
 
 def slope_of(pair: Pair, log: Log, rig: Rig) -> Slope | None:
@@ -212,9 +214,22 @@ def _names(slopes: list[Slope]) -> str:
     return " and ".join(slope.column for slope in slopes)
 
 
-def _column_findings(slope: Slope, rig: Rig) -> list[Finding]:
+def _or_input(factor: float, rig: Rig) -> str:
+    """The mend of the command that makes the same factor of the only column that it moves; empty
+    where none does.
+    """
+    kind = rig.input["kind"]
+    own = COLUMN_UNITS[kind]
+    scaled = {} if kind == "duty" else {1e-3: f"m{own}", -1e-3: f"-m{own}"}
+    for size, unit in ({-1.0: f"-{own or 1}"} | scaled).items():
+        if factor == size:
+            return f", or, if {kind} is in {unit}, {_mend(kind, unit)}"
+    return ""
+
+
+def _column_findings(slope: Slope, rig: Rig, alone: bool) -> list[Finding]:
     """A refusal where the factor of a column is that of a unit, a warning where it is far from 1
-    without being one.
+    without being one; alone: the command moves no other column, so that the factor may be its own.
     """
     if not slope.is_far:
         return []
@@ -222,7 +237,8 @@ def _column_findings(slope: Slope, rig: Rig) -> list[Finding]:
     nearest = min(units, key=lambda unit: _distance(slope.factor, unit))
     for unit in (nearest, *units):
         if slope.is_close(unit.wide) and _matches(slope.factor, unit):
-            return [_refusal(f"column {slope.column}", f"{slope.factor:.4g}", unit.name, unit.mend)]
+            mend = unit.mend + (_or_input(unit.factor, rig) if alone else "")
+            return [_refusal(f"column {slope.column}", f"{slope.factor:.4g}", unit.name, mend)]
     if slope.column == "position_rad" and slope.is_close() and abs(slope.factor) > RULES.counts:
         return [_counts_finding(slope)]
     far = max(abs(slope.factor), 1.0 / abs(slope.factor)) > RULES.least_warned

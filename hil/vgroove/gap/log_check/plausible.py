@@ -22,6 +22,7 @@ LARGEST = {
     "position_rad": 1e9,
     "load_nm": 1e9,
 }
+MAX_OVER_SUPPLY = 10.0  # times supply.voltage_v that a driving voltage reaches: as for LARGEST
 # Full values of a duty that timers and loggers count in
 FULL_DUTIES = (100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
 COMPARED = ("current_a", "supply_v", "speed_rpm", "position_rad")
@@ -35,7 +36,9 @@ class WrapRules:
 
     jump: float = 0.6  # of its range, between two rows
     calm: float = 0.2  # of its range, that the rows before and after a jump may change by
-    min_jumps: int = 3
+    min_jumps: int = 3  # without regard to the motion; one that opposes the motion is enough
+    motion_rows: int = 5  # before and after a jump, whose change is the motion
+    max_gap: float = 3.0  # median intervals of a jump; a longer one may hide a motion
     min_range_rad: float = 3.0  # a smaller range is one of a shaft at rest
     min_rows: int = 20
 
@@ -64,6 +67,7 @@ def plausibility_findings(log: Log, rig: Rig | None = None) -> list[Finding]:
     return [
         *found,
         *(_duty_finding(log) if driven_by_duty and not found else ()),
+        *(_voltage_finding(log, rig) if rig is not None and not found else ()),
         *_wrapped_finding(log),
         *_empty_findings(log, rig),
     ]
@@ -88,25 +92,60 @@ def _duty_finding(log: Log) -> list[Finding]:
     return [Finding(text, refuses=True)]
 
 
+def _voltage_finding(log: Log, rig: Rig) -> list[Finding]:
+    """A finding on a driving voltage that the supply of the rig cannot give."""
+    supply, top = rig.supply.get("voltage_v"), _largest(log).get("voltage_v", 0.0)
+    if rig.input["kind"] != "voltage_v" or supply is None or top <= MAX_OVER_SUPPLY * supply:
+        return []
+    text = (
+        f"column voltage_v: reaches {top:.4g}, {top / supply:.3g} times the rig's "
+        f"supply.voltage_v = {supply:g}: "
+    )
+    if top <= 1e3 * MAX_OVER_SUPPLY * supply:
+        text += 'is it in mV? Read it with --map "voltage_v:mV=voltage_v"'
+    else:
+        text += "is it in another unit, or the supply that of another tool?"
+    return [Finding(text, refuses=True)]
+
+
 def _wrapped_finding(log: Log) -> list[Finding]:
     """A finding on a position that jumps back by its whole range: an angle within one turn."""
     values = np.asarray(log.columns.get("position_rad", ()), float)
-    values = values[np.isfinite(values)]
-    if len(values) < WRAP.min_rows:
+    known = np.isfinite(values)
+    values, time_s = values[known], np.asarray(log.time_s, float)[: len(known)][known]
+    reach = float(np.ptp(values)) if len(values) else 0.0
+    if len(values) < WRAP.min_rows or reach < WRAP.min_range_rad:
         return []
-    reach = float(values.max() - values.min())
-    steps = np.diff(values)
-    jumps = np.flatnonzero(np.abs(steps) > WRAP.jump * reach)
-    jumps = jumps[(jumps > 0) & (jumps < len(steps) - 1)]
-    calm = np.maximum(np.abs(steps[jumps - 1]), np.abs(steps[jumps + 1])) < WRAP.calm * reach
-    if reach < WRAP.min_range_rad or np.count_nonzero(calm) < WRAP.min_jumps:
+    jumps = _calm_jumps(values, reach)
+    count = np.count_nonzero(jumps)
+    if count < WRAP.min_jumps and not (jumps & _opposes_motion(values, time_s)).any():
         return []
+    times = "once" if count == 1 else f"{count} times"
     text = (
-        f"column position_rad: jumps {np.count_nonzero(calm)} times by about its whole range of "
+        f"column position_rad: jumps {times} by about its whole range of "
         f"{reach:.4g}: it is an angle within one turn; add up the turns (numpy.unwrap, its period "
         "is one turn in the unit of the column), or leave the column out"
     )
     return [Finding(text, refuses=True)]
+
+
+def _calm_jumps(values: np.ndarray, reach: float) -> np.ndarray:
+    """Whether each step (rows - 1,) is a jump by the range, between small steps."""
+    steps = np.abs(np.diff(values)) / reach
+    beside = np.maximum(np.append(steps[1:], np.inf), np.append(np.inf, steps[:-1]))
+    return (steps > WRAP.jump) & (beside < WRAP.calm)
+
+
+def _opposes_motion(values: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    """Whether each step (rows - 1,) is against the motion before it and after it, and spans no
+    gap.
+    """
+    steps, intervals = np.diff(values), np.diff(time_s)
+    row, last = np.arange(len(steps)), len(values) - 1
+    before = values[row] - values[np.maximum(row - WRAP.motion_rows, 0)]
+    after = values[np.minimum(row + 1 + WRAP.motion_rows, last)] - values[row + 1]
+    against = (before * steps < 0.0) & (after * steps < 0.0)
+    return against & (intervals <= WRAP.max_gap * np.median(intervals))
 
 
 def _empty_findings(log: Log, rig: Rig | None) -> list[Finding]:
