@@ -231,6 +231,102 @@ def test_times_that_do_not_increase_have_a_mend(
     refused(tmp_path / "a.csv", "time does not increase", part)
 
 
+def with_times(stamps: list[str]) -> str:
+    names, *rows = text_of(own(sample())).splitlines()
+    lines = [s + "," + row.partition(",")[2] for s, row in zip(stamps, rows, strict=False)]
+    return "\n".join([names, *lines]) + "\n"
+
+
+@given(
+    st.sampled_from([("us", 32), ("ms", 32), ("ms", 16), ("ns", 32)]),
+    st.integers(1, 79),
+    st.integers(1, 50_000),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_counter_that_begins_again_goes_on(clock: tuple, at: int, ticks: int) -> None:
+    unit, bits = clock
+    step = ticks % 100 + 1 if bits == 16 else ticks
+    count = 2**bits - at * step + np.arange(80) * step
+    log = as_log(own(sample()) | {"time_s": count % 2**bits}, column_map([f"time_s:{unit}=time_s"]))
+    tick_s = unit_factor(unit, "time_s")
+    assert np.allclose(np.diff(log.time_s), step * tick_s, rtol=1e-4)
+    assert [f"once: 2^{bits} ticks" in warning for warning in log.warnings] == [True]
+    later = np.where(np.arange(80) < at, count, count % 2**bits + 4 * step + 1)
+    with pytest.raises(VgrooveError, match="goes back once"):
+        as_log(own(sample()) | {"time_s": later % 2**bits}, column_map([f"time_s:{unit}=time_s"]))
+
+
+def of_day(seconds: np.ndarray) -> list[str]:
+    start = datetime(2026, 3, 31, tzinfo=UTC)
+    return [(start + timedelta(seconds=float(t))).strftime("%H:%M:%S.%f") for t in seconds]
+
+
+def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:
+    seconds = 86_399.98 + sample().time_s
+    (tmp_path / "a.csv").write_text(with_times(of_day(seconds % 86_400.0)))
+    log = read_log(tmp_path / "a.csv")
+    assert np.allclose(log.time_s, sample().time_s - sample().time_s[0], atol=2e-6)
+    assert "begins again once: a day added" in log.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "part"),
+    [
+        (of_day((46_799.97 + np.arange(80) / 1000 - 3600.0) % 43_200.0 + 3600.0), "of 12 hours"),
+        ([f"12:00:{k // 1000:02d}.{k % 1000}" for k in range(60, 140)], "goes back once"),
+        ([f"12:00:{k // 200:02d}.{k % 200}" for k in range(0, 800, 5)], "leading zeros"),
+        ([f"12:00:{k // 200:02d}.{k % 200}" for k in range(0, 1600, 3)], "leading zeros"),
+        ([f"{k / 200 % 1:.3f}" for k in range(300)], "part of a second"),
+        ([f"{k % 60}" for k in range(80)], "part of a minute"),
+        ([f"{80 - k}" for k in range(80)], "most rows"),
+    ],
+)
+def test_a_clock_that_goes_back_is_named(tmp_path: Path, stamps: list[str], part: str) -> None:
+    rows = sample(len(stamps))
+    text = text_of(own(rows)).splitlines()
+    lines = [s + "," + row.partition(",")[2] for s, row in zip(stamps, text[1:], strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join([text[0], *lines]) + "\n")
+    refused(tmp_path / "a.csv", "time does not increase", part)
+
+
+@pytest.mark.parametrize("first", ["100.25,", "0.001,", "2.0,"])
+def test_a_cell_more_than_names_is_no_index(tmp_path: Path, first: str) -> None:
+    names, *rows = text_of(own(sample())).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([names, *(first + row for row in rows)]) + "\n")
+    refused(tmp_path / "a.csv", "line 2: has 5 cells, the header has 4", "Give each column a name")
+
+
+@pytest.mark.parametrize("names", ["Time;U_cmd;I_motor;n", "# Time;U_cmd;I_motor;n"])
+@pytest.mark.parametrize("units", ["#ms;1;mA;rad/s", "# ms;-;mA;rad/s", "%ms;;mA;rad/s"])
+def test_units_in_a_comment_below_the_names_are_read(
+    tmp_path: Path, names: str, units: str
+) -> None:
+    rows = text_of(foreign(sample()), ";").splitlines()[1:]
+    (tmp_path / "a.csv").write_text("\n".join([names, units, *rows]) + "\n")
+    plain = ["Time=time_s", "U_cmd=duty", "I_motor=current_a", "n=speed_rpm"]
+    assert same(read_log(tmp_path / "a.csv", column_map(plain)), sample(), 1e-9)
+
+
+def test_a_line_of_units_may_begin_with_percent(tmp_path: Path) -> None:
+    columns = {"duty": sample()["duty"] * 100.0} | own(sample())
+    columns["duty"] = sample()["duty"] * 100.0
+    names, *rows = text_of(columns).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([names, "%,s,A,rpm", *rows]) + "\n")
+    assert same(read_log(tmp_path / "a.csv"), sample(), 1e-9)
+
+
+def test_bytes_0_at_the_end_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(text_of(own(sample(400))).encode() + bytes(4096))
+    log = read_log(tmp_path / "a.csv")
+    assert len(log) == 400 and "4096 bytes 0" in log.warnings[0]
+
+
+def test_a_file_with_too_few_columns_names_those_it_has(tmp_path: Path) -> None:
+    names, *rows = [line.partition(",")[2] for line in text_of(own(sample())).splitlines()]
+    (tmp_path / "a.csv").write_text("\n".join([names, *rows]) + "\n")
+    refused(tmp_path / "a.csv", "time_s is missing", "besides current_a, duty, speed_rpm")
+
+
 def test_units_in_the_names_are_read_and_an_option_replaces_them(tmp_path: Path) -> None:
     columns = foreign(sample())
     columns["I (mA)"], columns["t [ms]"] = columns.pop("I_motor"), columns.pop("Time")
@@ -551,6 +647,35 @@ def test_an_unknown_unit_of_a_channel_is_refused(tmp_path: Path) -> None:
     assert np.allclose(read_log(path, column_map(stated))["current_a"], 2.0 * log["current_a"])
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("s", 1.0), ("", 1.0)])
+def test_the_unit_of_the_times_of_a_group_is_read(tmp_path: Path, unit: str, factor: float) -> None:
+    log = sample()
+    signals = [Signal(v, log.time_s * factor, name=n) for n, v in log.columns.items()]
+    with MDF(version="4.10") as mdf:
+        mdf.append(signals)
+        (master,) = (c for c in mdf.groups[0].channels if c.channel_type in (2, 3))
+        master.unit = unit
+        mdf.save(tmp_path / "a.mf4", overwrite=True)
+    read = read_log(tmp_path / "a.mf4")
+    assert same(read, log) and read.read_from == {"time_s": "time"}
+    stated = read_log(tmp_path / "a.mf4", column_map([f"time:{unit or 's'}=time_s"]))
+    assert same(stated, log)
+
+
+def test_a_channel_in_two_groups_is_named(tmp_path: Path) -> None:
+    log = sample()
+    path = mf4(
+        tmp_path / "a.mf4",
+        [
+            [Signal(v, log.time_s, name=n) for n, v in log.columns.items()],
+            [Signal(log["current_a"][::2] * 2.0, log.time_s[::2], name="current_a")],
+        ],
+    )
+    read = read_log(path)
+    assert same(read, log)
+    assert [w for w in read.warnings if "2 groups have a channel current_a" in w]
+
+
 # MAT, Parquet, tables
 
 
@@ -594,6 +719,11 @@ def test_a_damaged_file_is_a_sentence(tmp_path: Path, name: str, head: bytes) ->
         pytest.importorskip("pyarrow")
     (tmp_path / name).write_bytes(head + bytes(range(200)))
     refused(tmp_path / name, "damaged or truncated")
+
+
+def test_a_mat_file_of_version_4_is_named(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", own(sample()), format="4")
+    refused(tmp_path / "a.mat", "version 5 or later", '"-v7"')
 
 
 @pytest.mark.parametrize(
@@ -643,6 +773,18 @@ def test_dates_with_a_time_zone_decimals_and_numbers_as_names_are_read() -> None
     numbered = pd.DataFrame(np.stack(list(own(log).values()), 1))
     names = [f"{k}={name}" for k, name in enumerate(own(log))]
     assert same(as_log(numbered, column_map(names)), log)
+
+
+def test_a_unit_of_dates_is_refused(tmp_path: Path) -> None:
+    dates = pd.Timestamp("2026-03-31") + pd.to_timedelta(sample().time_s, unit="s")
+    stated = column_map(["time_s:ms=time_s"])
+    for stamps in (dates, dates.tz_localize("Europe/Berlin")):
+        frame = pd.DataFrame(own(sample()) | {"time_s": stamps})
+        with pytest.raises(VgrooveError, match='dates, which have no unit: say --map "time_s='):
+            as_log(frame, stated)
+    (tmp_path / "a.csv").write_text(with_times([date.isoformat(" ") for date in dates]))
+    refused(tmp_path / "a.csv", "which have no unit", columns=stated)
+    assert len(read_log(tmp_path / "a.csv")) == 80
 
 
 def test_a_table_that_is_no_log_is_refused() -> None:

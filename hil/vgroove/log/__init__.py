@@ -110,7 +110,8 @@ def _wrong_kind(ending: str, head: bytes) -> str:
         if kind != ending and head.startswith(magic):
             return f"it is a {kind[1:].upper()} file"
         if kind == ending and not head.startswith(magic):
-            return "its first bytes are not those of one"
+            older = ' of version 5 or later: write it by save(..., "-v7")' if kind == ".mat" else ""
+            return f"its first bytes are not those of one{older}"
     if ending in (".csv", ".asc") and head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "it is UTF-16, which is read as binary data: save it in the encoding UTF-8"
     if ending in (".csv", ".asc") and b"\0" in head:

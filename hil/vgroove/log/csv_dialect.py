@@ -67,13 +67,18 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
     delimiter = _delimiter(line, after)
     header = _cells(line, delimiter)
     if all(is_number(cell) for cell in header):
-        named = _names_in_comment([t for n, t in filled if n < number], delimiter, len(header))
+        comments = [t for n, t in filled if n < number]
+        units = _units_in_comment(comments[-1:], delimiter, len(header))
+        named = _names_in_comment(comments[:-1] if units else comments, delimiter, len(header))
         if named:
-            return Dialect(delimiter, named, number - 1, number - 1)
+            return Dialect(delimiter, named, number - 1, number - 1, units)
     rows = [_cells(text, delimiter) for text in after]
     units, skipped = _units(rows[0], len(header)) if rows else (), number
     if units:
         rows, skipped = rows[1:], plain[1][0]
+    else:
+        below = [text for n, text in filled if n > number]
+        units = _units_in_comment(below[:1], delimiter, len(header))
     return Dialect(delimiter, _with_index(header, rows), number, skipped, units, head)
 
 
@@ -130,6 +135,17 @@ def _units(row: tuple[str, ...], count: int) -> tuple[str, ...]:
     return bare
 
 
+def _units_in_comment(comments: list[str], delimiter: str, count: int) -> tuple[str, ...]:
+    """The units that a comment holds, which may begin with the unit %; empty without."""
+    for line in filter(is_comment, comments):
+        cells = _cells(line.strip(), delimiter)
+        if cells[0] != "%":
+            cells = _cells(line.strip()[1:], delimiter)
+        if units := _units(cells, count):
+            return units
+    return ()
+
+
 def _names_in_comment(comments: list[str], delimiter: str, count: int) -> tuple[str, ...] | None:
     """The names of the last comment, where they are as many as the columns."""
     if not comments:
@@ -140,8 +156,19 @@ def _names_in_comment(comments: list[str], delimiter: str, count: int) -> tuple[
 
 def _with_index(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> tuple[str, ...]:
     """The header with an unnamed column where the first row has one cell more: the last one where
-    it is empty (a separator at the end of each row), else the first (numbers of the rows).
+    it is empty (a separator at the end of each row), the first where it holds names or numbers of
+    rows. The header as it is otherwise.
     """
     if not rows or len(rows[0]) != len(header) + 1 or len(header) < 2:
         return header
-    return (*header, "") if not rows[0][-1] else ("", *header)
+    if not rows[0][-1]:
+        return (*header, "")
+    return ("", *header) if _are_row_names([row[0] for row in rows]) else header
+
+
+def _are_row_names(cells: list[str]) -> bool:
+    """Whether cells name or count rows: words, or whole numbers that increase."""
+    if not any(map(is_number, cells)):
+        return all(seconds_of_date(cell) is None for cell in cells)
+    whole = [int(cell) for cell in cells if cell.isdigit()]
+    return len(whole) == len(cells) and all(a < b for a, b in zip(whole, whole[1:], strict=False))

@@ -9,7 +9,7 @@ import os
 import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import TextIOWrapper
 from itertools import chain, islice, repeat
 from pathlib import Path
@@ -18,11 +18,13 @@ from typing import IO
 import numpy as np
 
 from vgroove.errors import VgrooveError
+from vgroove.log.clock import in_order
 from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names
 from vgroove.log.csv_dialect import Dialect, detect_dialect, is_comment, is_number, with_point
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
-from vgroove.log.raw_columns import factor_of
+from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
 from vgroove.log.table import Log, check_columns, checked
+from vgroove.log.units_of_columns import TIME_COLUMN
 from vgroove.output import write_bytes
 
 CHUNK_LINES = 100_000  # lines that are converted at once: some 10 MB of text
@@ -64,22 +66,22 @@ def _read(path: Path, columns: ColumnMap) -> Log:
             part = slice(count, count := count + len(chunk.lines))
             lines[part], table[:, part] = chunk.lines, chunk.values
     if whole.cut_line:
-        warnings.append(
-            f"{path}: line {whole.cut_line}: is left out: its line end is missing, so that it may "
-            "have been cut."
-        )
-    found = {}
+        warnings.append(f"{path}: line {whole.cut_line}: is left out: {whole.reason}.")
+    found, tick_s = {}, 1.0
     for n, (column, place) in enumerate(places.items()):
         unit = dialect.units[known[n]] if dialect.units else ""
         values = table[n, :count]
-        if column == "time_s" and rows.dates:
-            found[column] = values - values[0]
+        if column == TIME_COLUMN and rows.dates:
+            refuse_unit_of_dates(place, str(path))
+            found[column] = values
             continue
         factor = factor_of(place, column, unit, str(path))
+        tick_s = factor if column == TIME_COLUMN else tick_s
         found[column] = values * factor if factor != 1.0 else values
-    time_s = found.pop("time_s")
+    time_s = in_order(found.pop(TIME_COLUMN), tick_s, warnings, str(path))
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
-    return checked(log, lines[:count])
+    log = checked(log, lines[:count])
+    return replace(log, time_s=time_s - time_s[0]) if rows.dates else log
 
 
 def _dialect(path: Path) -> Dialect:
@@ -115,16 +117,19 @@ def _count_lines(path: Path) -> int:
 
 class _WholeLines:
     """The lines of an open file (newline="") without a last line that has no line end; its number
-    is then `cut_line`. The first line is always kept.
+    is then `cut_line`, and why it is left out `reason`. The first line is always kept.
     """
 
     def __init__(self, file: Iterable[str]) -> None:
-        self._file, self.cut_line = file, 0
+        self._file, self.cut_line, self.reason = file, 0, ""
 
     def __iter__(self) -> Iterator[str]:
         for number, line in enumerate(self._file, 1):
             if number > 1 and not line.endswith(("\n", "\r")):
-                self.cut_line = number
+                self.cut_line, zeros = number, line.count("\0")
+                self.reason = "its line end is missing, so that it may have been cut"
+                if zeros:
+                    self.reason = f"it holds {zeros} bytes 0, that a logger reserved and left empty"
                 return
             yield line
 
@@ -206,13 +211,17 @@ class _Rows:
         """The message for a row with another number of cells than the header."""
         decimal = len(row) > len(self.header) and self._delimiter == ","
         decimal = decimal and all(cell.strip().lstrip("+-").isdigit() for cell in row)
-        why = (
-            " Numbers with a decimal comma need another separator: write the file with semicolons "
-            "or tabs."
-        )
+        why = ""
+        if decimal:
+            why = (
+                " Numbers with a decimal comma need another separator: write the file with "
+                "semicolons or tabs."
+            )
+        elif len(row) > len(self.header):
+            why = " Give each column a name in the header, in the order of the cells."
         return (
             f"{self._path}: line {line}: has {len(row)} cells, the header has {len(self.header)} "
-            f"columns.{why if decimal else ''}"
+            f"columns.{why}"
         )
 
     def _split(self, lines: list[str]) -> Iterator[tuple[int, list[str]]]:

@@ -1,4 +1,4 @@
-"""MAT logs: variables of MATLAB, or fields of a struct, that are vectors; versions 4 to 7 by scipy,
+"""MAT logs: variables of MATLAB, or fields of a struct, that are vectors; versions 5 to 7 by scipy,
 version 7.3 (HDF5) by h5py.
 """
 

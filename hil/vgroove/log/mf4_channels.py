@@ -38,69 +38,92 @@ class Channel:
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else np.inf
 
 
+@dataclass(frozen=True)
+class Source:
+    """An open MF4 file, the unit of its times in s that the map states (None: that of the file),
+    and the warnings of its log.
+    """
+
+    mdf: Any
+    path: Path
+    time_factor: float | None
+    warnings: list[str]
+
+
 def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     """The log of an open MF4 file. The rows are the times of the channel that the map declares as
     `time_base`, else of the fastest channel that a log column is read from.
     """
     masters = {c.name for g in mdf.groups for c in g.channels if c.channel_type in MASTERS}
     places = columns.places(str(path), list(mdf.channels_db))
-    time_factor = _time_factor(path, places.pop(TIME_COLUMN, None), masters)
+    time = places.pop(TIME_COLUMN, None)
+    if time is not None and time.name not in masters:
+        raise VgrooveError(
+            f"{path}: {time.name} is no time of a channel group (these are "
+            f"{', '.join(sorted(masters))}): leave it out of the map, or declare the channel whose "
+            "times are the rows as time_base in a mapping file."
+        )
     used = {place.name for place in places.values()} | masters
     unknown = [name for name in mdf.channels_db if name not in used]
     check_columns(str(path), {TIME_COLUMN, *places}, unknown)
     warnings = [f"{path}: the unknown column {name} is ignored." for name in unknown]
-    found = [_channel(mdf, path, column, place) for column, place in places.items()]
-    base = _time_base(mdf, path, columns, found)
+    source = Source(mdf, path, None if time is None else time.factor, warnings)
+    found = [_channel(source, column, place) for column, place in places.items()]
+    base = _time_base(source, columns, found)
     resampled = {c.column: _resampled(c, base) for c in found}
     warnings += _resampling_warnings(path, found, base)
     names = other_names(places)
-    return checked(Log(base * time_factor, resampled, str(path), warnings, read_from=names))
+    if len(masters) == 1:
+        names |= other_names({TIME_COLUMN: Place(*masters, None)})
+    return checked(Log(base, resampled, str(path), warnings, read_from=names))
 
 
-def _time_factor(path: Path, place: Place | None, masters: set[str]) -> float:
-    """Factor from the times of the groups to s, which they are in unless the map has another unit;
-    VgrooveError where the map names a channel that is no time of a group.
-    """
-    if place is None:
-        return 1.0
-    if place.name not in masters:
-        raise VgrooveError(
-            f"{path}: {place.name} is no time of a channel group (these are "
-            f"{', '.join(sorted(masters))}): leave it out of the map, or declare the channel whose "
-            "times are the rows as time_base in a mapping file."
-        )
-    return 1.0 if place.factor is None else place.factor
-
-
-def _channel(mdf: Any, path: Path, column: str, place: Place) -> Channel:
+def _channel(source: Source, column: str, place: Place) -> Channel:
     """A log column of the file, in the unit of the log."""
-    signal = _signal(mdf, path, place.name)
-    factor = factor_of(place, column, signal.unit, str(path))
-    times = np.asarray(signal.timestamps, float)
+    signal, times = _signal(source, place.name)
+    factor = factor_of(place, column, signal.unit, str(source.path))
     return Channel(place.name, column, times, signal.samples.astype(float) * factor)
 
 
-def _signal(mdf: Any, path: Path, name: str) -> Any:
-    """The channel of a name with the most samples; VgrooveError where they are not numbers."""
-    entries = mdf.channels_db[name]
-    group, index = max(entries, key=lambda entry: mdf.groups[entry[0]].channel_group.cycles_nr)
-    signal = mdf.get(name, group, index)
+def _signal(source: Source, name: str) -> tuple[Any, np.ndarray]:
+    """The channel of a name with the most samples, and its times (n,) in s; VgrooveError where they
+    are not numbers, a warning where several groups have it.
+    """
+    groups, entries = source.mdf.groups, source.mdf.channels_db[name]
+    group, index = max(entries, key=lambda entry: groups[entry[0]].channel_group.cycles_nr)
+    signal = source.mdf.get(name, group, index)
     if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
-        raise VgrooveError(f"{path}: column {name}: its samples are not numbers.")
-    return signal
+        raise VgrooveError(f"{source.path}: column {name}: its samples are not numbers.")
+    if len(entries) > 1:
+        source.warnings.append(
+            f"{source.path}: {len(entries)} groups have a channel {name}: that of group "
+            f"{group + 1}, which has the most samples, is read; rename it to read another one."
+        )
+    return signal, np.asarray(signal.timestamps, float) * _time_factor(source, group)
 
 
-def _time_base(mdf: Any, path: Path, columns: ColumnMap, found: list[Channel]) -> np.ndarray:
+def _time_factor(source: Source, group: int) -> float:
+    """Seconds in a unit of a group's times: of the map, else of the time channel of the group."""
+    if source.time_factor is not None:
+        return source.time_factor
+    for channel in source.mdf.groups[group].channels:
+        if channel.channel_type in MASTERS:
+            place = Place(channel.name, None)
+            return factor_of(place, TIME_COLUMN, channel.unit or "", str(source.path))
+    return 1.0
+
+
+def _time_base(source: Source, columns: ColumnMap, found: list[Channel]) -> np.ndarray:
     """Times (n,) of the rows in s."""
     if columns.time_base is None:
         return min(found, key=lambda channel: channel.interval_s).time_s
-    if columns.time_base not in mdf.channels_db:
-        near = ", ".join(nearest_columns(columns.time_base.lower(), mdf.channels_db))
+    if columns.time_base not in source.mdf.channels_db:
+        near = ", ".join(nearest_columns(columns.time_base.lower(), source.mdf.channels_db))
         raise VgrooveError(
-            f"{path}: has no channel {columns.time_base!r}, which the mapping file declares as "
-            f"time_base{'; the nearest are ' + near if near else ''}."
+            f"{source.path}: has no channel {columns.time_base!r}, which the mapping file declares "
+            f"as time_base{'; the nearest are ' + near if near else ''}."
         )
-    return np.asarray(_signal(mdf, path, columns.time_base).timestamps, float)
+    return _signal(source, columns.time_base)[1]
 
 
 def _resampled(channel: Channel, base: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ def hint(columns: Iterable[str], names: Iterable[str], found: Iterable[str] = ()
     """A sentence on the columns of a file that may be those which are missing, and the options that
     read all columns of the file whose names are near to one of a log that is not among `found`.
     """
-    names = [name for name in names if name]
+    names, found = [name for name in names if name], list(found)
     for column in columns:
         near = nearest_columns(column, names)
         if near:
@@ -50,7 +50,7 @@ def hint(columns: Iterable[str], names: Iterable[str], found: Iterable[str] = ()
                 f"say {' '.join(options)}."
             )
     if not names:
-        return ""
+        return f" The file has no column besides {', '.join(sorted(found))}." if found else ""
     listed = ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
     return f' The columns of the file are {listed}: name them by --map "NAME:UNIT=COLUMN".'
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
+from vgroove.log.clock import in_order
 from vgroove.log.column_map import ColumnMap, Place, other_names
 from vgroove.log.stated_units import (
     needed_factor,
@@ -53,10 +54,17 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
     check_columns(raw.source, places, unknown)
     warnings = [f"{raw.source}: the unknown column {name} is ignored." for name in unknown]
     found: dict[str, np.ndarray] = {}
+    tick_s = 1.0
     for column, place in places.items():
-        unit = raw.units.get(place.name, "")
-        values = numbers(raw.values(place.name), f"{raw.source}: column {place.name}")
-        found[column] = values * factor_of(place, column, unit, raw.source)
+        array = np.asarray(raw.values(place.name)).squeeze()
+        values = numbers(array, f"{raw.source}: column {place.name}")
+        if is_dates(array):
+            refuse_unit_of_dates(place, raw.source)
+            found[column] = values
+            continue
+        factor = factor_of(place, column, raw.units.get(place.name, ""), raw.source)
+        tick_s = factor if column == TIME_COLUMN else tick_s
+        found[column] = values * factor
     time_s = found.pop(TIME_COLUMN)
     for column, values in found.items():
         if len(values) != len(time_s):
@@ -64,7 +72,23 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
                 f"{raw.source}: column {places[column].name} has {len(values)} samples, the time "
                 f"has {len(time_s)}."
             )
+    time_s = in_order(time_s, tick_s, warnings, raw.source)
     return checked(Log(time_s, found, raw.source, warnings, read_from=other_names(places)))
+
+
+def is_dates(array: np.ndarray) -> bool:
+    """Whether an array holds dates or durations, which are seconds whatever unit they are in."""
+    first = array.ravel()[0] if array.size and array.dtype.kind == "O" else None
+    return array.dtype.kind in "mM" or hasattr(first, "timestamp")
+
+
+def refuse_unit_of_dates(place: Place, source: str) -> None:
+    """VgrooveError where the map states a unit for a column of dates."""
+    if place.factor is not None:
+        raise VgrooveError(
+            f"{source}: column {place.name}: holds dates, which have no unit: say "
+            f'--map "{place.name}{":" * (":" in place.name)}={TIME_COLUMN}".'
+        )
 
 
 def numbers(values: Any, where: str) -> np.ndarray:
@@ -75,7 +99,7 @@ def numbers(values: Any, where: str) -> np.ndarray:
     if array.dtype.kind in "mM":
         start = array[:1] if array.dtype.kind == "M" else 0
         return (array - start) / np.timedelta64(1, "s")
-    if array.dtype.kind == "O" and array.size and hasattr(array.ravel()[0], "timestamp"):
+    if is_dates(array):
         start = array.ravel()[0].timestamp()  # dates with a time zone
         return np.array([moment.timestamp() - start for moment in array.ravel()])
     if array.dtype.kind == "O" and all(isinstance(v, Decimal | None) for v in array.ravel()):

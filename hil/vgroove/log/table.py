@@ -10,6 +10,7 @@ import numpy as np
 
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
+from vgroove.log.clock import time_mend
 
 INPUTS = ("duty", "voltage_v", "current_a")
 MEASURED = (
@@ -38,7 +39,6 @@ COLUMN_LABELS = telemetry.COLUMN_LABELS | {
     name: text for name, (_, text) in TEST_BENCH_COLUMNS.items()
 }
 MIN_USABLE_SAMPLES = 50  # docs/spec/gap.md, section 1
-MIN_ROUNDED_SHARE = 0.05  # of equal successive times, which then are rounded and not rows twice
 MAX_DUTY = 1.0 + 1e-6  # a larger magnitude is reported; 1e-6 is the rounding of a text file
 
 
@@ -129,7 +129,7 @@ def checked(log: Log, lines: np.ndarray | None = None) -> Log:
         values = f"{log.time_s[at]:.10g} s after {log.time_s[at - 1]:.10g} s"
         raise VgrooveError(
             f"{log.source}: {place(at)}, column time_s: time does not increase ({values}): "
-            f"{_time_mend(log.time_s)}."
+            f"{time_mend(log.time_s)}."
         )
     for name, values in log.columns.items():
         if np.isinf(values).any():
@@ -142,20 +142,6 @@ def checked(log: Log, lines: np.ndarray | None = None) -> Log:
         )
     log.warnings += _warnings(log)
     return log
-
-
-def _time_mend(time_s: np.ndarray) -> str:
-    """What to do with times (n,) that do not increase."""
-    steps = np.diff(time_s)
-    if np.mean(steps == 0.0) > MIN_ROUNDED_SHARE:
-        return "many rows have the time of the row before: write it with more digits"
-    if (steps < 0.0).any():
-        back = int(np.count_nonzero(steps < 0.0))
-        return (
-            f"it goes back {back} times: give each recording as a log of its own, in the order of "
-            "time"
-        )
-    return "delete the rows that are there twice"
 
 
 def _usable_samples(log: Log) -> int:

@@ -1,0 +1,86 @@
+"""Clocks that begin again at 0: counters of 16 or 32 bits and times of day, of which a log is read
+with the periods added up; and what else makes times go back.
+"""
+
+import numpy as np
+
+DAY_S, HALF_DAY_S = 86_400.0, 43_200.0
+COUNTER_BITS = (16, 32)
+ROUNDING_S = 1e-6  # of stamps since 1970
+PARTS_S = {"second": 1.0, "minute": 60.0, "hour": 3600.0}
+MAX_INTERVALS = 3.0  # median intervals that a row may follow the one before the clock's restart
+MIN_ROUNDED_SHARE = 0.05  # of equal successive times, which then are rounded and not rows twice
+# where milliseconds without leading zeros go back within a second: from .5 ... .9 to .10 ... .19
+LATE, EARLY = (0.5, 1.0), (0.1, 0.2)
+
+
+def unwrapped(time_s: np.ndarray, tick_s: float) -> tuple[np.ndarray, str]:
+    """Times (n,) in s, with a period added after each restart of a clock that lets the rows go on
+    within their interval, and a sentence on it; the times as they are without such a clock. tick_s:
+    unit of the numbers of the file.
+    """
+    back = np.diff(time_s) < 0.0
+    if not back.any() or not np.isfinite(time_s).all():
+        return time_s, ""
+    periods = {"a day": DAY_S}
+    periods |= {f"2^{bits} ticks": 2.0**bits * tick_s for bits in COUNTER_BITS}
+    for name, period_s in periods.items():
+        if _restarts(time_s, period_s):
+            added = np.concatenate([[0.0], np.cumsum(np.where(back, period_s, 0.0))])
+            times = f"{np.count_nonzero(back)} times" if np.count_nonzero(back) > 1 else "once"
+            return time_s + added, f"the clock begins again {times}: {name} added each time."
+    return time_s, ""
+
+
+def in_order(time_s: np.ndarray, tick_s: float, warnings: list[str], source: str) -> np.ndarray:
+    """Times (n,) in s with the periods of a clock that begins again added; a warning says so."""
+    added, said = unwrapped(time_s, tick_s)
+    if said:
+        warnings.append(f"{source}: column time_s: {said}")
+    return added
+
+
+def _restarts(time_s: np.ndarray, period_s: float) -> bool:
+    """Whether all steps back (n,) are those of a clock with this period, s."""
+    steps = np.diff(time_s)
+    forward = steps[steps > 0.0]
+    if not len(forward) or time_s.min() < 0.0 or time_s.max() >= period_s:
+        return False
+    onward = steps[steps < 0.0] + period_s
+    rounding_s = 4.0 * np.finfo(float).eps * period_s
+    longest_s = MAX_INTERVALS * float(np.median(forward)) + rounding_s
+    return bool((onward > 0.0).all() and (onward <= longest_s).all())
+
+
+def time_mend(time_s: np.ndarray) -> str:
+    """What to do with times (n,) in s that do not increase."""
+    steps = np.diff(time_s)
+    if np.mean(steps == 0.0) > MIN_ROUNDED_SHARE:
+        return "many rows have the time of the row before: write it with more digits"
+    back = int(np.count_nonzero(steps < 0.0))
+    if not back:
+        return "delete the rows that are there twice"
+    if back > 0.5 * len(steps):
+        return "it goes back in most rows: sort the rows by time"
+    if _restarts(time_s % HALF_DAY_S, HALF_DAY_S):
+        return "is it a clock of 12 hours? Write the hours as 0 to 23"
+    for name, period_s in PARTS_S.items():
+        if _restarts(time_s, period_s):
+            return f"it is the part of a {name} alone: add the column that counts the {name}s"
+    if _lacks_zeros(time_s):
+        return (
+            "are the digits behind the point milliseconds without leading zeros, .9 before .10? "
+            "Write them with three digits"
+        )
+    often = "once" if back == 1 else f"{back} times"
+    return f"it goes back {often}: give each recording as a log of its own, in the order of time"
+
+
+def _lacks_zeros(time_s: np.ndarray) -> bool:
+    """Whether most steps back of the times (n,) are those of milliseconds without zeros."""
+    at = np.flatnonzero(np.diff(time_s) < 0.0)
+    second = np.floor(time_s[at + 1] + ROUNDING_S)
+    before, after = time_s[at] - second + ROUNDING_S, time_s[at + 1] - second + ROUNDING_S
+    late = (before >= LATE[0]) & (before < LATE[1])
+    early = (after >= EARLY[0]) & (after < EARLY[1])
+    return len(at) > 1 and bool(np.mean(late & early) > 0.5)
