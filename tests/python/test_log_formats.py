@@ -207,6 +207,76 @@ def test_an_endless_cell_is_a_sentence(tmp_path: Path) -> None:
     refused(tmp_path / "a.csv", "is not CSV")
 
 
+def with_cells(path: Path, cells: list[str], delimiter: str = ";") -> Path:
+    """A file with these cells as current_a, and decimal commas elsewhere."""
+    rows = [f"0,{k:03d};0,5;{cell};10" for k, cell in enumerate(cells)]
+    text = "\n".join(["time_s;duty;current_a;speed_rpm", *rows]) + "\n"
+    path.write_text(text)
+    return path
+
+
+@given(
+    st.lists(st.integers(1001, 999_999), min_size=40, max_size=60, unique=True),
+    st.sampled_from(",."),
+)
+@settings(max_examples=60, deadline=None)
+def test_thousands_separators_are_refused(
+    tmp_path_factory: pytest.TempPathFactory, large: list[int], separator: str
+) -> None:
+    path = tmp_path_factory.mktemp("thousands") / "a.csv"
+    cells = [f"{value:,}".replace(",", separator) for value in [*large, *range(12, 900, 60)]]
+    with_cells(path, cells)
+    refused(path, "column current_a", "without thousands separators")
+    with pytest.raises(VgrooveError, match="thousands"):
+        read_log(path, column_map(["current_a:kA=current_a"]))
+    decimals = [f"{value / 1000:.3f}".replace(".", separator) for value in [*large, *range(12, 72)]]
+    assert len(read_log(with_cells(path, decimals))) == len(decimals)
+    short = [f"{value / 1000:g}".replace(".", separator) for value in [*large, 1500, *range(60)]]
+    assert len(read_log(with_cells(path, short))) == len(short)
+
+
+def test_few_decimals_are_no_thousands(tmp_path: Path) -> None:
+    for different, refuses in ((9, False), (10, True)):
+        cells = [f"{k % (different + 1)},125" if k % (different + 1) else "0" for k in range(80)]
+        path = with_cells(tmp_path / "a.csv", cells)
+        if refuses:
+            refused(path, "thousands")
+        else:
+            assert read_log(path)["current_a"][1] == 1.125
+
+
+@pytest.mark.parametrize("cell", ["2.268,5", "2'268", "2\u202f268", "1.234.567", "1 234.5"])
+def test_a_number_with_thousands_separators_is_named(tmp_path: Path, cell: str) -> None:
+    refused(with_cells(tmp_path / "a.csv", ["1,5"] * 60 + [cell]), "line 62", "thousands")
+
+
+def two_times(rows: int, slow: int, ends: int | None = None) -> str:
+    """A log with a second time column and its speed, which end after `slow` rows; the speed after
+    `ends`.
+    """
+    lines = ["Time fast [s];I;duty;Time slow [s];n"]
+    for k in range(rows):
+        time = f"{k / 100}" if k < slow else ""
+        lines.append(f"{k / 1000};{k % 7};0.5;{time};{k if k < (ends or slow) else ''}")
+    return "\n".join(lines) + "\n"
+
+
+def test_a_second_time_column_is_named(tmp_path: Path) -> None:
+    columns = column_map(["Time fast [s]=time_s", "I=current_a", "n=speed_rpm"])
+    path = tmp_path / "a.csv"
+    for slow in (60, 150, 195):
+        path.write_text(two_times(200, slow))
+        refused(path, "column n", "Time slow [s]", "a log of their own", columns=columns)
+    for text in (two_times(200, 196), two_times(200, 200, 150), two_times(200, 150, 100)):
+        path.write_text(text)
+        assert len(read_log(path, columns)) == 200
+    path.write_text(two_times(200, 150).replace("Time slow [s]", "Torque"))
+    assert len(read_log(path, columns)) == 200
+    without = column_map(["Time fast [s]=time_s", "I=current_a"])
+    path.write_text(two_times(200, 150))
+    assert len(read_log(path, without)) == 200
+
+
 @pytest.mark.parametrize(
     ("encoding", "part"), [("utf-16", "UTF-16"), ("latin-1", "encoding UTF-8")]
 )

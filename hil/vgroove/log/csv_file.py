@@ -20,6 +20,7 @@ import numpy as np
 from vgroove.errors import VgrooveError
 from vgroove.log.clock import in_order
 from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names
+from vgroove.log.csv_cells import GROUPS, Table, is_whole, refuse_second_time, refuse_thousands
 from vgroove.log.csv_dialect import Dialect, detect_dialect, is_comment, is_number, with_point
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
@@ -61,27 +62,45 @@ def _read(path: Path, columns: ColumnMap) -> Log:
     lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
     with _text(path) as file:
         whole = _WholeLines(file)
-        rows = _Rows(path, whole, dialect, places["time_s"].name)
+        rows = _Rows(path, whole, dialect, places[TIME_COLUMN].name)
         for chunk in rows.chunks(known):
             part = slice(count, count := count + len(chunk.lines))
             lines[part], table[:, part] = chunk.lines, chunk.values
     if whole.cut_line:
         warnings.append(f"{path}: line {whole.cut_line}: is left out: {whole.reason}.")
-    found, tick_s = {}, 1.0
-    for n, (column, place) in enumerate(places.items()):
-        unit = dialect.units[known[n]] if dialect.units else ""
-        values = table[n, :count]
-        if column == TIME_COLUMN and rows.dates:
-            refuse_unit_of_dates(place, str(path))
-            found[column] = values
-            continue
-        factor = factor_of(place, column, unit, str(path))
-        tick_s = factor if column == TIME_COLUMN else tick_s
-        found[column] = values * factor if factor != 1.0 else values
+    text = Table(path, dialect, lambda: _text(path))
+    _refuse_cells(text, {k: table[n, :count] for n, k in enumerate(known)})
+    if rows.dates:
+        refuse_unit_of_dates(places[TIME_COLUMN], str(path))
+    values = dict(zip(places, table[:, :count], strict=True))
+    found, tick_s = _converted(text, places, values, rows.dates)
     time_s = in_order(found.pop(TIME_COLUMN), tick_s, warnings, str(path))
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
     log = checked(log, lines[:count])
     return replace(log, time_s=time_s - time_s[0]) if rows.dates else log
+
+
+def _converted(
+    table: Table, places: dict[str, Place], values: dict[str, np.ndarray], dates: bool
+) -> tuple[dict[str, np.ndarray], float]:
+    """The log columns (rows,) in their own units, and what one of the file's times is in s; dates:
+    the times are seconds.
+    """
+    units = dict(zip(table.dialect.header, table.dialect.units, strict=False))
+    factors = {
+        column: factor_of(place, column, units.get(place.name, ""), str(table.path))
+        for column, place in places.items()
+        if not (dates and column == TIME_COLUMN)
+    }
+    found = {c: v if factors.get(c, 1.0) == 1.0 else v * factors[c] for c, v in values.items()}
+    return found, factors.get(TIME_COLUMN, 1.0)
+
+
+def _refuse_cells(table: Table, columns: dict[int, np.ndarray]) -> None:
+    """VgrooveError for columns (rows,), by number, whose cells mean other numbers or times."""
+    for k, values in columns.items():
+        refuse_thousands(table, k, values)
+    refuse_second_time(table, columns)
 
 
 def _dialect(path: Path) -> Dialect:
@@ -125,7 +144,7 @@ class _WholeLines:
 
     def __iter__(self) -> Iterator[str]:
         for number, line in enumerate(self._file, 1):
-            if number > 1 and not line.endswith(("\n", "\r")):
+            if number > 1 and not is_whole(line):
                 self.cut_line, zeros = number, line.count("\0")
                 self.reason = "its line end is missing, so that it may have been cut"
                 if zeros:
@@ -315,6 +334,8 @@ class _CellReader:
             return float("nan")
         if "_" in cell or not is_number(cell):
             place = f"{self._path}: line {line}, column {name}"
+            if GROUPS.fullmatch(cell.strip()):
+                raise VgrooveError(f"{place}: {cell!r}: write it without thousands separators.")
             raise VgrooveError(
                 f"{place}: {cell!r} is not a number (a missing sample is an empty cell or NaN)."
             )
