@@ -22,14 +22,14 @@ from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
-from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, unit_findings
-from vgroove.gap.log_check.nominal import starts_moving_or_deflected
+from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, slope_of, unit_findings
+from vgroove.gap.log_check.nominal import nominal_pairs, starts_moving_or_deflected
 from vgroove.gap.log_check.plausible import TIME_UNITS, plausibility_findings
 from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, read_log, write_csv
 from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig, read_rig
-from vgroove.units import RPM_PER_RAD_S
+from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 LOGS = sorted((ROOT / "tests/data").rglob("log*.csv"))
 PRACTICE = ROOT / "tests/data/practice/practice_006"
@@ -319,6 +319,28 @@ def test_a_factor_of_a_tool_is_no_unit() -> None:
         assert not check_log(scaled(log, "speed_rpm", factor), tool).findings
     off = check_log(scaled(log, "speed_rpm", 1.3 / 60.0), tool)
     assert not off.refused and "rev/s" in off.findings[0].text
+
+
+@pytest.mark.parametrize("pairs", [4, 5, 7, 9, 11, 14, 20, 30])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_electrical_speed_is_named_with_its_pole_pairs(pairs: int, sign: float) -> None:
+    log, tool = practice()
+    (pair,) = (pair for pair in nominal_pairs(log, tool) if pair.column == "speed_rpm")
+    own = slope_of(pair, log, tool).factor
+    exact = scaled(log, "speed_rpm", sign * pairs / own)
+    said = [f.text for f in check_log(exact, tool).findings if "speed_rpm" in f.text]
+    mend = f'--map "speed_rpm:{sign / pairs:.6g} rpm=speed_rpm"'
+    assert f"electrical rpm with {pairs} pole pairs" in said[0] and mend in said[0], said
+    half = scaled(log, "speed_rpm", sign * (pairs + 0.5) / own)
+    assert not [f for f in check_log(half, tool).findings if "electrical rpm" in f.text]
+
+
+def test_an_electrical_frequency_is_named_beside_the_nearest_unit() -> None:
+    log, tool = practice()
+    found = check_log(scaled(log, "speed_rpm", 7.0 / 60.0), tool).findings
+    assert found[0].refuses and "electrical Hz with 7 pole pairs" in found[0].text, found
+    found = check_log(scaled(log, "speed_rpm", RAD_S_PER_RPM), tool).findings
+    assert "electrical" not in found[0].text and "rad/s" in found[0].text
 
 
 def test_times_in_ms_are_seen_without_a_stated_rate() -> None:

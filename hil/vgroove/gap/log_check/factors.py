@@ -43,6 +43,8 @@ class FactorRules:
     least: float = 3.0
     least_warned: float = 5.0  # a farther one that is no unit's is a warning
     counts: float = 7.0  # least factor of a position that is in counts: more than any fault makes
+    # relative, of a whole number of pole pairs, which lie by 3 % apart at least
+    pole_tolerance: float = 0.01
     nearest: float = 1.5  # factor by which the unit that the warning names may be missed
     max_scatter: float = 0.15  # median relative error that may be left with the factor
     max_wide_scatter: float = 0.5  # the same with 1000 or -1
@@ -120,6 +122,9 @@ CONVERTED_TWICE = {
 }
 CURRENT_UNITS = {1e3: "mA", -1e3: "-mA", -1.0: "-A"}
 GEARED = ("speed_rpm", "position_rad")
+POLE_PAIRS = range(2, 31)
+# factor of a speed in one pole pair, and its name: an electrical speed is a multiple of it
+ELECTRICAL = {1.0: "rpm", 1.0 / 60.0: "Hz"}
 WIDE_FACTORS = (1e3, 1e-3)
 
 
@@ -238,11 +243,35 @@ def _column_findings(slope: Slope, rig: Rig, alone: bool) -> list[Finding]:
     for unit in (nearest, *units):
         if slope.is_close(unit.wide) and _matches(slope.factor, unit):
             mend = unit.mend + (_or_input(unit.factor, rig) if alone else "")
+            if not _is_near(slope.factor, unit.factor):
+                mend += "".join(f"; or is it {electrical}" for electrical in _electrical(slope))
             return [_refusal(f"column {slope.column}", f"{slope.factor:.4g}", unit.name, mend)]
     if slope.column == "position_rad" and slope.is_close() and abs(slope.factor) > RULES.counts:
         return [_counts_finding(slope)]
     far = max(abs(slope.factor), 1.0 / abs(slope.factor)) > RULES.least_warned
+    far = far or (abs(slope.factor) > 1.0 and bool(_electrical(slope)))
     return [_warning(slope, nearest)] if far and slope.is_close() else []
+
+
+def _electrical(slope: Slope) -> list[str]:
+    """The electrical speeds of a motor with pole pairs that the factor of a speed is near to, each
+    with its mend.
+    """
+    found = []
+    for one, name in ELECTRICAL.items() if slope.column == "speed_rpm" else ():
+        pairs = round(abs(slope.factor) / one)
+        unit = Unit(math.copysign(pairs * one, slope.factor), "", "")
+        if pairs in POLE_PAIRS and _distance(slope.factor, unit) <= math.log1p(
+            RULES.pole_tolerance
+        ):
+            mend = _mend(slope.column, f"{1.0 / unit.factor:.6g} rpm")
+            found.append(f"electrical {name} with {pairs} pole pairs? If so, {mend}")
+    return found
+
+
+def _is_near(factor: float, other: float) -> bool:
+    """Whether two factors of one sign agree as those of pole pairs do."""
+    return abs(math.log(factor / other)) <= math.log1p(RULES.pole_tolerance)
 
 
 def _counts_finding(slope: Slope) -> Finding:
@@ -257,6 +286,8 @@ def _warning(slope: Slope, nearest: Unit) -> Finding:
     """A warning of a factor that is far from 1 and from those of the units; it names a near one."""
     near = _distance(slope.factor, nearest) <= math.log(RULES.nearest)
     hint = f" (the nearest factor is {nearest.factor:.4g}: {nearest.name}?)" if near else ""
+    if electrical := _electrical(slope):
+        hint = f": is it {electrical[0]}"
     text = (
         f"column {slope.column}: the values are {slope.factor:.4g} times those of the rig's "
         f"simulation: a value of the rig, the sensor's scale or the unit is far off{hint}"
