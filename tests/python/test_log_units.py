@@ -24,7 +24,7 @@ from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, slope_of, unit_findings
 from vgroove.gap.log_check.nominal import nominal_pairs, starts_moving_or_deflected
-from vgroove.gap.log_check.plausible import TIME_UNITS, plausibility_findings
+from vgroove.gap.log_check.plausible import TIME_UNITS, plausibility_findings, rate_finding
 from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, read_log, write_csv
 from vgroove.log.units_of_columns import unit_factor
@@ -347,6 +347,27 @@ def test_times_in_ms_are_seen_without_a_stated_rate() -> None:
     log, tool = practice()
     with pytest.raises(VgrooveError, match="time_s:ms=time_s"):
         checked_logs([scaled(log, "time_s", 1e3)], without_rate(tool))
+
+
+@given(st.sampled_from(["min", "h", "d"]), st.floats(0.5e-3, 5e-3))
+@settings(max_examples=30, deadline=None)
+def test_rows_faster_than_any_logger_are_in_a_longer_unit(unit: str, interval_s: float) -> None:
+    log, tool = practice()
+    stamps = log.time_s[:400] * interval_s * 1e3 / unit_factor(unit, "time_s")
+    fast = replace(
+        log, time_s=stamps, columns={n: v[:400] for n, v in log.columns.items()}, warnings=[]
+    )
+    found = [f for f in rate_finding(fast, without_rate(tool)) if f.refuses]
+    assert bool(found) == (np.median(np.diff(stamps)) < 1e-6), found
+    assert all(f"time_s:{unit}=time_s" in f.text for f in found)
+
+
+def test_times_in_minutes_are_seen_without_a_stated_rate() -> None:
+    log, tool = practice()
+    found = check_log(scaled(log, "time_s", 1 / 60), without_rate(tool)).findings
+    assert found[0].refuses and "time_s:min=time_s" in found[0].text, found
+    stated = check_log(scaled(log, "time_s", 1 / 86_400), tool).findings
+    assert stated[0].refuses and "time_s:d=time_s" in stated[0].text, stated
 
 
 @pytest.mark.parametrize(("factor", "refused"), [(2.9, False), (3.1, True), (1 / 3.1, True)])

@@ -9,6 +9,7 @@ import numpy as np
 from vgroove.gap.log_check.finding import Finding
 from vgroove.gap.residual.inputs import COMMAND
 from vgroove.log import MEASURED, Log
+from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig
 
 # Largest magnitude of a column: a factor of 10 above the largest machine that the ranges of a rig
@@ -48,7 +49,8 @@ WRAP = WrapRules()
 # one of a logger that writes its rows in batches.
 MAX_RATE_FACTOR = 3.0
 # times as seconds: the factor that the stamps are too large by, within this relative tolerance
-TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1 / 60: "min", 1 / 3600: "h", 1 / 86_400: "d"}
+MIN_INTERVAL_S = 1e-6  # of a logger: log_hz is at most 1e6
 TIME_TOLERANCE = 0.5
 
 
@@ -173,13 +175,13 @@ def _largest(log: Log) -> dict[str, float]:
 
 def rate_finding(log: Log, rig: Rig) -> list[Finding]:
     """A finding where both the median and the mean row interval are far from that of the rig's
-    log_hz.
+    log_hz; without it, where the rows are faster than those of any logger.
     """
     log_hz = rig.sensors.get("log_hz")
-    if log_hz is None:
-        return []
     intervals_s = np.diff(np.asarray(log.time_s, float))
     interval_s = float(np.median(intervals_s))
+    if log_hz is None:
+        return _too_fast(interval_s) if interval_s < MIN_INTERVAL_S else []
     factor = interval_s * log_hz
     if any(
         1.0 / MAX_RATE_FACTOR <= s * log_hz <= MAX_RATE_FACTOR
@@ -191,6 +193,20 @@ def rate_finding(log: Log, rig: Rig) -> list[Finding]:
         f"sensors.log_hz = {log_hz:g} is {1.0 / log_hz:.4g} s"
     )
     return [Finding(f"{stated}: {_rate_mend(factor)}", refuses=True)]
+
+
+def _too_fast(interval_s: float) -> list[Finding]:
+    """The finding on rows that follow each other faster than those of any logger."""
+    units = [unit for size, unit in TIME_UNITS.items() if size < 1.0]
+    units = [u for u in units if unit_factor(u, "time_s") * interval_s >= MIN_INTERVAL_S]
+    named = [f'in {unit} (--map "time_s:{unit}=time_s")' for unit in units]
+    text = (
+        f"column time_s: the median interval of the rows is {interval_s:.4g} s, less than that of "
+        f"any logger ({MIN_INTERVAL_S:g} s): are the times {' or '.join(named)}?"
+        if named
+        else f"column time_s: the median interval of the rows is {interval_s:.4g} s: no times"
+    )
+    return [Finding(text, refuses=True)]
 
 
 def _rate_mend(factor: float) -> str:
