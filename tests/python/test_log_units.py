@@ -26,7 +26,8 @@ from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, slope_of, unit_f
 from vgroove.gap.log_check.nominal import nominal_pairs, starts_moving_or_deflected
 from vgroove.gap.log_check.plausible import TIME_UNITS, plausibility_findings, rate_finding
 from vgroove.gap.log_check.row_convention import Shift
-from vgroove.log import Log, read_log, write_csv
+from vgroove.log import Log, as_log, read_log, write_csv
+from vgroove.log.table import standstill_offset
 from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig, read_rig
 from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -242,6 +243,46 @@ def test_a_factor_that_the_command_may_have_names_it_too() -> None:
         assert f'voltage_v:{unit}=voltage_v"' in found.text and "speed_rpm:" in found.text
     (found,) = unit_findings(scaled(log, "speed_rpm", 1e-3), tool)
     assert "voltage_v:" not in found.text  # the current shows that the command is in V
+
+
+def loaded() -> tuple[Log, Rig]:
+    folder = PRACTICE.parent / "practice_005"
+    return read_log(folder / "log.csv"), read_rig(folder / "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("torque_nm", "part"),
+    [(0.7, ""), (40.0, ""), (41.0, '"load_nm:mNm='), (40_000.0, '"load_nm:mNm='), (41e3, "unit?")],
+)
+def test_a_load_beyond_ten_times_the_stall_torque_is_refused(torque_nm: float, part: str) -> None:
+    log, tool = loaded()  # 12 V / 0.35 ohm * 0.0085 Nm/A * 14 = 4.08 Nm
+    factor = torque_nm / np.nanmax(np.abs(log["load_nm"]))
+    found = plausibility_findings(scaled(log, "load_nm", factor), tool)
+    assert [f.refuses for f in found] == [True] * bool(part) and all(part in f.text for f in found)
+    assert not plausibility_findings(scaled(log, "load_nm", factor))
+
+
+def test_a_load_of_the_opposite_sign_is_named_beside_the_current() -> None:
+    log, tool = loaded()
+    assert not check_log(log, tool).refused
+    (found,) = (f for f in check_log(scaled(log, "load_nm", -1.0), tool).findings if f.refuses)
+    assert '"current_a:-A=current_a"' in found.text and '"load_nm:-Nm=load_nm"' in found.text
+
+
+@given(st.floats(60.0, 1e4), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_a_current_around_the_middle_of_its_range_has_an_offset(middle: float, sign: bool) -> None:
+    log, _ = practice()
+    most = float(np.nanmax(np.abs(log["current_a"])))
+    middle = (1.0 if sign else -1.0) * max(middle, 1.1 * most)
+    rest = {"duty": np.zeros(60), "current_a": np.zeros(60), "speed_rpm": np.zeros(60)}
+    columns = {n: np.concatenate([v, log[n]]) for n, v in rest.items()}
+    shifted = columns | {"current_a": columns["current_a"] + middle}
+    made = as_log({"time_s": np.arange(len(columns["duty"])) / 1000} | shifted)
+    assert standstill_offset(made) == pytest.approx(middle, rel=0.02)
+    assert ["at standstill" in warning for warning in made.warnings] == [True]
+    small = replace(made, columns=columns | {"current_a": columns["current_a"] + 0.9 * most})
+    assert standstill_offset(small) == 0.0 == standstill_offset(log)
 
 
 def test_a_column_without_a_value_compares_no_sample() -> None:

@@ -162,7 +162,12 @@ def _warnings(log: Log) -> list[str]:
             f"{log.source}: column duty: the greatest magnitude is "
             f"{np.nanmax(np.abs(log['duty'])):.4g}, not within -1..1."
         )
-    if current_is_unsigned(log):
+    if offset := standstill_offset(log):
+        found.append(
+            f"{log.source}: column current_a: has a constant value of about {offset:.4g} at "
+            "standstill, more than all changes: subtract it from the column."
+        )
+    elif current_is_unsigned(log):
         found.append(
             f"{log.source}: column current_a: never negative while the drive brakes or reverses, "
             "so it is unsigned."
@@ -176,6 +181,8 @@ def current_is_unsigned(log: Log) -> bool:
     """
     if not all(name in log for name in ("duty", "current_a", "speed_rpm")):
         return False
+    if standstill_offset(log):
+        return False
     duty, current, speed = log["duty"], log["current_a"], log["speed_rpm"]
     closed = log["coast"] == 0 if "coast" in log else np.ones(len(log), bool)
     brakes = closed & (duty <= 0) & (speed > 0)
@@ -184,3 +191,16 @@ def current_is_unsigned(log: Log) -> bool:
     if rows.sum() < UNSIGNED.min_rows:
         return False
     return bool(np.nanmin(current) > -UNSIGNED.negative_share * np.nanmax(np.abs(current)))
+
+
+def standstill_offset(log: Log) -> float:
+    """The current, A, at rest without a command, where it is larger than any deviation from it: the
+    middle of a converter's range. 0 otherwise.
+    """
+    if not all(name in log for name in ("duty", "current_a", "speed_rpm")):
+        return 0.0
+    rests = (log["duty"] == 0.0) & (log["speed_rpm"] == 0.0) & np.isfinite(log["current_a"])
+    if np.count_nonzero(rests) < UNSIGNED.min_rows:
+        return 0.0
+    offset = float(np.median(log["current_a"][rests]))
+    return offset if abs(offset) > np.nanmax(np.abs(log["current_a"] - offset)) else 0.0

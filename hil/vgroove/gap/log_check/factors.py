@@ -101,6 +101,17 @@ class Slope:
         return self.factor < 1.0 / RULES.least or self.factor > RULES.least
 
 
+@dataclass(frozen=True)
+class Causes:
+    """What else than the unit of a column may make its factor. alone: the command, which moves no
+    other column; loaded: a measured load.
+    """
+
+    rig: Rig
+    alone: bool
+    loaded: bool
+
+
 # per column: factor of the numbers, unit as --map names it
 COLUMN_UNITS_WRITTEN = {
     "current_a": {1e3: "mA", 1e-3: "kA"},
@@ -139,16 +150,14 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     if factor != 1.0:
         return [time_finding(part, rig, factor)]
     if accelerations := acceleration_factors(part, rig):
-        return _acceleration_findings(accelerations, rig)
+        return _acceleration_findings(accelerations, part, rig)
     slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
     if starts_moving_or_deflected(part, rig):
         slopes = [slope for slope in slopes if slope.factor > 0.0]
-    alone = sum(slope.column != "supply_v" for slope in slopes) == 1
-    columns = [f for s in slopes for f in _column_findings(s, rig, alone)]
-    return _input_findings(slopes, rig) or columns
+    return _input_findings(slopes, rig) or _findings_of_columns(slopes, part, rig)
 
 
-def _acceleration_findings(factors: dict[str, float], rig: Rig) -> list[Finding]:
+def _acceleration_findings(factors: dict[str, float], log: Log, rig: Rig) -> list[Finding]:
     """Findings on factors of columns that a current drives: the current's, where its unit explains
     all of them.
     """
@@ -165,7 +174,15 @@ def _acceleration_findings(factors: dict[str, float], rig: Rig) -> list[Finding]
             if size == -1.0:
                 mends += [_mend(s.column, f"-{COLUMN_UNITS[s.column]}") for s in slopes]
             return [_refusal(what, factor, said, ", or ".join(mends))]
-    return [f for slope in slopes for f in _column_findings(slope, rig, len(slopes) == 1)]
+    return _findings_of_columns(slopes, log, rig)
+
+
+def _findings_of_columns(slopes: list[Slope], log: Log, rig: Rig) -> list[Finding]:
+    """Findings on each column by itself."""
+    alone = sum(slope.column != "supply_v" for slope in slopes) == 1
+    loaded = rig.load["kind"] == "torque" and "load_nm" in log.columns
+    causes = Causes(rig, alone, loaded)
+    return [finding for slope in slopes for finding in _column_findings(slope, causes)]
 
 
 def slope_of(pair: Pair, log: Log, rig: Rig) -> Slope | None:
@@ -219,30 +236,30 @@ def _names(slopes: list[Slope]) -> str:
     return " and ".join(slope.column for slope in slopes)
 
 
-def _or_input(factor: float, rig: Rig) -> str:
-    """The mend of the command that makes the same factor of the only column that it moves; empty
-    where none does.
-    """
-    kind = rig.input["kind"]
+def _or_input(column: str, factor: float, causes: Causes) -> str:
+    """The mend of another column that may make the factor of a column; empty where none does."""
+    kind = causes.rig.input["kind"]
     own = COLUMN_UNITS[kind]
     scaled = {} if kind == "duty" else {1e-3: f"m{own}", -1e-3: f"-m{own}"}
     for size, unit in ({-1.0: f"-{own or 1}"} | scaled).items():
-        if factor == size:
+        if causes.alone and factor == size:
             return f", or, if {kind} is in {unit}, {_mend(kind, unit)}"
+    if causes.loaded and column == "current_a" and factor == -1.0:
+        return f", or, if load_nm is in -Nm, {_mend('load_nm', '-Nm')}"
     return ""
 
 
-def _column_findings(slope: Slope, rig: Rig, alone: bool) -> list[Finding]:
+def _column_findings(slope: Slope, causes: Causes) -> list[Finding]:
     """A refusal where the factor of a column is that of a unit, a warning where it is far from 1
-    without being one; alone: the command moves no other column, so that the factor may be its own.
+    without being one.
     """
     if not slope.is_far:
         return []
-    units = units_of(slope.column, rig)
+    units = units_of(slope.column, causes.rig)
     nearest = min(units, key=lambda unit: _distance(slope.factor, unit))
     for unit in (nearest, *units):
         if slope.is_close(unit.wide) and _matches(slope.factor, unit):
-            mend = unit.mend + (_or_input(unit.factor, rig) if alone else "")
+            mend = unit.mend + _or_input(slope.column, unit.factor, causes)
             if not _is_near(slope.factor, unit.factor):
                 mend += "".join(f"; or is it {electrical}" for electrical in _electrical(slope))
             return [_refusal(f"column {slope.column}", f"{slope.factor:.4g}", unit.name, mend)]
@@ -260,11 +277,9 @@ def _electrical(slope: Slope) -> list[str]:
     found = []
     for one, name in ELECTRICAL.items() if slope.column == "speed_rpm" else ():
         pairs = round(abs(slope.factor) / one)
-        unit = Unit(math.copysign(pairs * one, slope.factor), "", "")
-        if pairs in POLE_PAIRS and _distance(slope.factor, unit) <= math.log1p(
-            RULES.pole_tolerance
-        ):
-            mend = _mend(slope.column, f"{1.0 / unit.factor:.6g} rpm")
+        factor = math.copysign(pairs * one, slope.factor)
+        if pairs in POLE_PAIRS and _is_near(slope.factor, factor):
+            mend = _mend(slope.column, f"{1.0 / factor:.6g} rpm")
             found.append(f"electrical {name} with {pairs} pole pairs? If so, {mend}")
     return found
 

@@ -23,6 +23,7 @@ LARGEST = {
     "position_rad": 1e9,
     "load_nm": 1e9,
 }
+MAX_OVER_STALL = 10.0  # times the stall torque at the output that load_nm reaches: as for LARGEST
 MAX_OVER_SUPPLY = 10.0  # times supply.voltage_v that a driving voltage reaches: as for LARGEST
 # Full values of a duty that timers and loggers count in
 FULL_DUTIES = (100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
@@ -70,6 +71,7 @@ def plausibility_findings(log: Log, rig: Rig | None = None) -> list[Finding]:
         *found,
         *(_duty_finding(log) if driven_by_duty and not found else ()),
         *(_voltage_finding(log, rig) if rig is not None and not found else ()),
+        *(_load_finding(log, rig) if rig is not None and not found else ()),
         *_wrapped_finding(log),
         *_empty_findings(log, rig),
     ]
@@ -108,6 +110,35 @@ def _voltage_finding(log: Log, rig: Rig) -> list[Finding]:
     else:
         text += "is it in another unit, or the supply that of another tool?"
     return [Finding(text, refuses=True)]
+
+
+def _load_finding(log: Log, rig: Rig) -> list[Finding]:
+    """A finding on a load torque beyond what the tool can give."""
+    top, stall = _largest(log).get("load_nm", 0.0), _stall_torque_nm(log, rig)
+    if rig.load["kind"] != "torque" or stall is None or top <= MAX_OVER_STALL * stall:
+        return []
+    text = (
+        f"column load_nm: reaches {top:.4g}, {top / stall:.3g} times the rig's stall torque at "
+        f"the output ({stall:.3g} Nm): "
+    )
+    if top <= 1e3 * MAX_OVER_STALL * stall:
+        text += 'is it in mNm? Read it with --map "load_nm:mNm=load_nm"'
+    else:
+        text += "is it in another unit?"
+    return [Finding(text, refuses=True)]
+
+
+def _stall_torque_nm(log: Log, rig: Rig) -> float | None:
+    """Torque at the output, Nm, at the largest current that the command of the log or the supply
+    drives through the winding; None where it is not known.
+    """
+    kind, top = rig.input["kind"], _largest(log)
+    current = top.get("current_a") if kind == "current_a" else None
+    volts = top.get("voltage_v") if kind == "voltage_v" else rig.supply.get("voltage_v")
+    if kind != "current_a" and volts is not None:
+        current = volts / rig.motor["resistance_ohm"]
+    per_a = rig.motor["torque_constant_nm_per_a"] * rig.gearbox["ratio"]
+    return per_a * current if current else None
 
 
 def _wrapped_finding(log: Log) -> list[Finding]:
