@@ -245,6 +245,25 @@ def test_a_factor_that_the_command_may_have_names_it_too() -> None:
     assert "voltage_v:" not in found.text  # the current shows that the command is in V
 
 
+@pytest.mark.parametrize(("mark", "refused"), [(6553.5, True), (-3276.8, True), (60.0, False)])
+@pytest.mark.parametrize("column", ["current_a", "speed_rpm"])
+def test_a_value_that_marks_missing_samples_is_refused(
+    column: str, mark: float, refused: bool
+) -> None:
+    log, _ = practice()
+    most = float(np.nanmax(np.abs(log[column])))
+    value = mark / 20.0 * most
+    marked = log[column].copy()
+    for rows in ([500], [500, 700], range(500, 560)):  # too few, or one after the other
+        marked[rows] = value
+        assert not check_log(replace(log, columns=log.columns | {column: marked})).refused
+        marked = log[column].copy()
+    marked[500:5000:97] = value
+    found = check_log(replace(log, columns=log.columns | {column: marked}))
+    assert found.refused == refused
+    assert not refused or "47 rows" in found.findings[0].text
+
+
 def loaded() -> tuple[Log, Rig]:
     folder = PRACTICE.parent / "practice_005"
     return read_log(folder / "log.csv"), read_rig(folder / "rig.toml")

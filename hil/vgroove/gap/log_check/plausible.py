@@ -1,5 +1,6 @@
-"""Checks that need no simulation: values that no tool reaches, a duty that is none, a position that
-wraps, columns without a value, and a row interval that the rig's log_hz contradicts.
+"""Checks that need no simulation: values that no tool or logger reaches, a duty that is none, a
+position that wraps, marks of missing samples, columns without a value, and a row interval that the
+rig's log_hz contradicts.
 """
 
 from dataclasses import dataclass
@@ -28,6 +29,18 @@ MAX_OVER_SUPPLY = 10.0  # times supply.voltage_v that a driving voltage reaches:
 # Full values of a duty that timers and loggers count in
 FULL_DUTIES = (100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
 COMPARED = ("current_a", "supply_v", "speed_rpm", "position_rad")
+
+
+@dataclass(frozen=True)
+class MarkRules:
+    """When a value marks missing samples (values chosen; no log of tests/data comes near)."""
+
+    beyond: float = 5.0  # times the largest magnitude of the other rows
+    min_rows: int = 3  # that hold exactly this value
+    alone: float = 0.8  # share of them whose neighbours do not hold it
+
+
+MARK = MarkRules()
 
 
 @dataclass(frozen=True)
@@ -73,6 +86,7 @@ def plausibility_findings(log: Log, rig: Rig | None = None) -> list[Finding]:
         *(_voltage_finding(log, rig) if rig is not None and not found else ()),
         *(_load_finding(log, rig) if rig is not None and not found else ()),
         *_wrapped_finding(log),
+        *_marked_findings(log),
         *_empty_findings(log, rig),
     ]
 
@@ -179,6 +193,30 @@ def _opposes_motion(values: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     after = values[np.minimum(row + 1 + WRAP.motion_rows, last)] - values[row + 1]
     against = (before * steps < 0.0) & (after * steps < 0.0)
     return against & (intervals <= WRAP.max_gap * np.median(intervals))
+
+
+def _marked_findings(log: Log) -> list[Finding]:
+    """Findings on columns in which one value, far beyond all others, stands in single rows: the
+    mark of a missing sample, such as 65535.
+    """
+    found = []
+    for name in (name for name in COMPARED if name in log.columns):
+        values = np.asarray(log.columns[name], float)
+        size = np.abs(np.nan_to_num(values))
+        top = size.max(initial=0.0)
+        marked, others = size == top, size[size < top].max(initial=0.0)
+        beside = np.append(marked[1:], False) | np.append(False, marked[:-1])
+        count, alone = np.count_nonzero(marked), np.count_nonzero(marked & ~beside)
+        if others == 0.0 or top <= MARK.beyond * others or count < MARK.min_rows:
+            continue
+        if alone >= MARK.alone * count:
+            text = (
+                f"column {name}: reads exactly {values[marked][0]:.6g} in {count} rows and "
+                f"{others:.4g} at most in the others: if it marks missing samples, write them as "
+                "empty cells or NaN"
+            )
+            found.append(Finding(text, refuses=True))
+    return found
 
 
 def _empty_findings(log: Log, rig: Rig | None) -> list[Finding]:
