@@ -320,7 +320,7 @@ def test_a_counter_that_begins_again_goes_on(clock: tuple, at: int, ticks: int) 
     log = as_log(own(sample()) | {"time_s": count % 2**bits}, column_map([f"time_s:{unit}=time_s"]))
     tick_s = unit_factor(unit, "time_s")
     assert np.allclose(np.diff(log.time_s), step * tick_s, rtol=1e-4)
-    assert [f"once: 2^{bits} ticks" in warning for warning in log.warnings] == [True]
+    assert [f"once, after 2^{bits} ticks" in warning for warning in log.warnings] == [True]
     later = np.where(np.arange(80) < at, count, count % 2**bits + 4 * step + 1)
     with pytest.raises(VgrooveError, match="goes back once"):
         as_log(own(sample()) | {"time_s": later % 2**bits}, column_map([f"time_s:{unit}=time_s"]))
@@ -336,7 +336,7 @@ def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(with_times(of_day(seconds % 86_400.0)))
     log = read_log(tmp_path / "a.csv")
     assert np.allclose(log.time_s, sample().time_s - sample().time_s[0], atol=2e-6)
-    assert "begins again once: a day added" in log.warnings[0]
+    assert "begins again once, after a day" in log.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -357,6 +357,14 @@ def test_a_clock_that_goes_back_is_named(tmp_path: Path, stamps: list[str], part
     lines = [s + "," + row.partition(",")[2] for s, row in zip(stamps, text[1:], strict=True)]
     (tmp_path / "a.csv").write_text("\n".join([text[0], *lines]) + "\n")
     refused(tmp_path / "a.csv", "time does not increase", part)
+
+
+@pytest.mark.parametrize("first", ["a{}", "2026-03-31 12:00:{}", "{}"])
+def test_row_names_have_no_name(tmp_path: Path, first: str) -> None:
+    names, *rows = text_of(own(sample(50))).splitlines()
+    lines = [f"{first.format(k + 10)},{row}" for k, row in enumerate(rows)]
+    (tmp_path / "a.csv").write_text("\n".join([names, *lines]) + "\n")
+    assert same(read_log(tmp_path / "a.csv"), sample(50))
 
 
 @pytest.mark.parametrize("first", ["100.25,", "0.001,", "2.0,"])

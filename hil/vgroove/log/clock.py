@@ -28,7 +28,10 @@ def unwrapped(time_s: np.ndarray, tick_s: float) -> tuple[np.ndarray, str]:
         if _restarts(time_s, period_s):
             added = np.concatenate([[0.0], np.cumsum(np.where(back, period_s, 0.0))])
             times = f"{np.count_nonzero(back)} times" if np.count_nonzero(back) > 1 else "once"
-            return time_s + added, f"the clock begins again {times}: {name} added each time."
+            return (
+                time_s + added,
+                f"the clock begins again {times}, after {name}: the period is added.",
+            )
     return time_s, ""
 
 

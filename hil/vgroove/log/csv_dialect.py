@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from itertools import islice
 
 from vgroove.log.dates import seconds_of_date
+from vgroove.log.stated_units import NO_UNIT
 from vgroove.log.units_of_columns import is_unit
 
 DELIMITERS = "\t;,"  # in the order in which they are tried; a comma may be a decimal sign
 COMMENTS = ("#", "%")
 HEAD_LINES = 1000  # within which the header is looked for
 SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # with which Excel states the separator
-NO_UNIT_CELLS = ("", "1", "-", "%")  # that a line of units may hold for plain numbers
+NO_UNIT_CELLS = (*NO_UNIT, "%")  # that a line of units may hold for plain numbers
 
 
 @dataclass(frozen=True)
@@ -167,8 +168,8 @@ def _with_index(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> tuple[s
 
 
 def _are_row_names(cells: list[str]) -> bool:
-    """Whether cells name or count rows: words, or whole numbers that increase."""
+    """Whether cells name or count rows: words, dates, or whole numbers that increase."""
     if not any(map(is_number, cells)):
-        return all(seconds_of_date(cell) is None for cell in cells)
-    whole = [int(cell) for cell in cells if cell.isdigit()]
+        return True
+    whole = [int(cell) for cell in cells if cell.isdecimal()]
     return len(whole) == len(cells) and all(a < b for a, b in zip(whole, whole[1:], strict=False))
