@@ -119,9 +119,14 @@ def _mechanical_quantities(rig: "Rig") -> list[DerivedQuantity]:
     return found
 
 
+_LEFT_OUT_H = 2e-6  # largest inductance that stands for an unknown one; coreless motors have 10 uH
+
+
 def _electrical_quantities(rig: "Rig") -> list[DerivedQuantity]:
     """Time constants and ratios of the electrical part. The fastest coreless motors have a winding
-    time constant of 3 us (limit 1 us) and a run-up time constant of 1 ms (limit 10 us).
+    time constant of 3 us (limit 1 us) and a run-up time constant of 1 ms (limit 10 us). An
+    inductance smaller than any motor's is stated where it is not known, and has no least time
+    constant.
     """
     motor = rig.motor
     resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
@@ -133,7 +138,7 @@ def _electrical_quantities(rig: "Rig") -> list[DerivedQuantity]:
         DerivedQuantity(
             "the winding's time constant L / R in s",
             motor["inductance_h"] / resistance,
-            1e-6,
+            1e-6 if motor["inductance_h"] > _LEFT_OUT_H else 0.0,
             0.3,
             winding,
         ),

@@ -19,6 +19,7 @@ from vgroove.gap.selection.intervals import (
     estimate_over_long_stretches,
     restarts_under_voltage_s,
     speed_time_constant_s,
+    time_clusters,
 )
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
@@ -130,3 +131,31 @@ def test_a_shaft_whose_speed_decays_between_restarts_is_not_fitted_again(
 def test_a_model_without_fitted_parameters_is_not_fitted_again(problem: Problem) -> None:
     bare = Engine(problem, SCALES, {})
     assert estimate_over_long_stretches(bare, bare.fit(bare.hypotheses([]), 0)[0]) is None
+
+
+@pytest.mark.parametrize(
+    ("lengths_s", "clusters"),
+    [
+        ([0.2], 8),  # shorter than eight strokes: an eighth of the log
+        ([3.99], 8),
+        ([6.0], 12),  # of half a second
+        ([0.2, 6.0], 20),  # each log has its own
+        ([0.0], 1),  # one row
+    ],
+)
+def test_a_short_log_has_eight_clusters(lengths_s: list[float], clusters: int) -> None:
+    """Of two clusters Student's t of one degree of freedom makes an interval of any width. The
+    first row may have any time.
+    """
+    rows = [300 if length else 1 for length in lengths_s]
+    log = np.repeat(np.arange(len(rows)), rows)
+    times = [
+        7.3 + np.linspace(0.0, n, k, endpoint=k < 2) for n, k in zip(lengths_s, rows, strict=True)
+    ]
+    found = time_clusters(log, np.concatenate(times))
+    counts = np.bincount(found)
+    assert len(counts) == clusters
+    assert all(len(np.unique(log[found == k])) == 1 for k in range(clusters))
+    for k in range(len(rows)):
+        mine = np.unique(found[log == k], return_counts=True)[1]
+        assert mine.max() <= mine.min() + 1

@@ -762,7 +762,6 @@ def test_of_a_set_that_leaves_a_remainder_the_established_members_are_named(
     ("rivals", "established", "excluded", "unknown", "left", "verdict"),
     [
         (True, True, False, "", 5.0, "ambiguous"),
-        (True, True, False, "a", 5.0, "ambiguous"),  # a member of the named set too
         (True, True, False, "b", 5.0, "partial"),
         (True, True, True, "", 5.0, "partial"),
         (True, False, False, "", 5.0, "partial"),
@@ -790,6 +789,21 @@ def test_a_rival_of_a_partial_set_counts_where_it_is_established_and_not_improba
     assert (found.verdict, found.best) == (verdict, best)
     assert found.rivals == ([other] if verdict == "ambiguous" else [])
     assert found.names_effects
+
+
+@pytest.mark.parametrize(("unknown", "verdict"), [("a", "ambiguous"), ("b", "partial")])
+def test_a_rival_may_share_a_member_whose_size_it_does_not_tell(
+    unknown: str, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rival holds a member of the named set, a, and b in addition."""
+    state, best, other = Scored(11.0, 11.0, 5.0), named_gap(5.0, 1), named_gap(5.0, 2)
+    monkeypatch.setattr(decision, "established_set", lambda *_: best)
+    monkeypatch.setattr(decision, "is_established_rival", lambda *_: True)
+    monkeypatch.setattr(decision, "prior_excludes", lambda *_: False)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda _, one: [unknown] if one is other else [])
+    state.fits = {("a",): best}
+    choice = search.Selection(state, best, [other])
+    assert decision.decide(choice, structure(True), {}).verdict == verdict
 
 
 @pytest.mark.parametrize(("after", "verdict"), [(3.9, "effect"), (4.1, "unlisted")])
@@ -873,21 +887,22 @@ def with_unknown_sizes(monkeypatch: pytest.MonkeyPatch, unknown: str, after: flo
     )
 
 
-# One established member stays: its gain is significant, only its size is not known well.
 @pytest.mark.parametrize(
     ("count", "unknown", "named"),
-    [(2, "", "ab"), (2, "a", "b"), (3, "ac", "b"), (2, "ab", "b"), (1, "a", "a")],
+    [(2, "", "ab"), (2, "a", "b"), (3, "ac", "b"), (2, "ab", ""), (1, "a", "")],
 )
 def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
     count: int, unknown: str, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Where none is left the gap is unlisted: it is far from the noise."""
     state, best = Scored(40.0, 40.0, 5.0), named_gap(5.0, count)
     with_unknown_sizes(monkeypatch, unknown, 5.0)
     monkeypatch.setattr(decision, "established_set", lambda *_: best)
     monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(True))
     found = decision.decide(selected(state, best), structure(True), {})
-    assert found.best.ids == tuple(named)
+    assert found.names_effects is bool(named)
+    assert found.best.ids == tuple(named or best.ids)
 
 
 @pytest.mark.parametrize(
@@ -996,6 +1011,7 @@ def test_no_established_effect_is_named_without_a_visible_gap(
     state, part = Scored(left, left, left), named_gap(1.0, 1)
     state.blocks, state.block_losses = blocks_of(20), lambda one: np.full(20, 10.0 * one)
     monkeypatch.setattr(decision, "established_set", lambda *_: part)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     monkeypatch.setattr(decision, "tied_rivals", lambda *_: [])
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(False))
     found = decision.decide(selected(state, state.retuned), structure(True), {})
@@ -1133,6 +1149,7 @@ def test_a_named_set_closes_a_tenth_of_the_reported_gap(
     state, part = Scored(101.0, 101.0, after), named_gap(after, 1)
     state.problem = SimpleNamespace(sigma_is_bound=is_bound, is_whitened=True)
     state.leaves_gap_in_most_draws = lambda one: True
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     monkeypatch.setattr(decision, "established_set", lambda *_: part)
     monkeypatch.setattr(decision, "is_doubtful", lambda *_: False)
     monkeypatch.setattr(decision, "remaining", lambda *_: structure(True))

@@ -202,6 +202,27 @@ def test_whitened_residuals_replace_an_established_set_by_no_smaller_one(
     assert all(state.fits[key(f.ids)] is f for f in found.rivals)
 
 
+@pytest.mark.parametrize("unknown", [False, True])
+def test_whitened_residuals_name_no_member_whose_reported_size_may_be_none(
+    unknown: bool, far_search: Search, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whitened residuals establish a second member, whose size they tell; the interval of the
+    residuals as they are, which is reported, contains 0 or not.
+    """
+    more = ("coulomb_friction", "current_gain")
+
+    def established(search: Search, best: Fit, _: object) -> Fit:
+        return fit_set(search, more[:1] if search is far_search else more, best)
+
+    def sizes(search: Search, one: Fit) -> list[str]:
+        return ["current_gain"] if unknown and search is far_search and len(one.ids) > 1 else []
+
+    monkeypatch.setattr(decision, "established_set", established)
+    monkeypatch.setattr(decision, "unknown_sizes", sizes)
+    found = decision.established_part(Selection(far_search, far_search.retuned, []), {})
+    assert found.best.ids == (more[:1] if unknown else more)
+
+
 @pytest.mark.parametrize("gains", [False, True])
 def test_a_general_law_is_named_where_it_gains_its_share(
     gains: bool, far_search: Search, monkeypatch: pytest.MonkeyPatch

@@ -212,6 +212,25 @@ def test_motors_of_every_size_pass(name: str, scale: float) -> None:
     assert rig_from_dict(data, "x").motor == motor
 
 
+@pytest.mark.parametrize(
+    ("inductance_h", "passes"), [(1e-8, True), (1e-6, True), (2e-6, True), (2.1e-6, False)]
+)
+def test_an_inductance_too_small_for_a_motor_stands_for_an_unknown_one(
+    inductance_h: float, passes: bool
+) -> None:
+    """Beside 5 ohm all of them have a time constant below 1 us; the last one may be of a motor
+    whose resistance is stated in milliohm.
+    """
+    data = copy.deepcopy(RIG)
+    data["motor"] |= {"inductance_h": inductance_h, "resistance_ohm": 5.0}
+    data["motor"]["torque_constant_nm_per_a"] = 0.5
+    if passes:
+        assert rig_from_dict(data, "x").motor["inductance_h"] == inductance_h
+    else:
+        with pytest.raises(VgrooveError, match="motor.inductance_h"):
+            rig_from_dict(data, "x")
+
+
 @pytest.mark.parametrize("kind", ["current_a", "voltage_v"])
 def test_a_linear_axis_passes(kind: str) -> None:
     """95 kg read as kg m2, 35 N/V as N m/A, 204 N s/m, 20 N; and a current as input leaves the

@@ -38,7 +38,8 @@ SHIFTS = frozenset({"transport_delay"})
 # and both comparisons estimate them
 REFERENCE_EFFECTS = ("coulomb_friction", "viscous_friction")
 # what a rig may misstate besides by so much that the forward simulation fails for it alone: an
-# inertia, and the torque of a pendulum or of another weight that it lacks
+# inertia, and the torque of a pendulum or of another weight that it lacks; and any effect that the
+# torque balance cannot show
 INERTIA, WEIGHT = "added_inertia", "gear_eccentricity"
 
 
@@ -85,20 +86,21 @@ def begin_in_better_comparison(
     reference = reference_fit(search)
     if reference is None or not forward_simulation_fails(search, problem, reference):
         return search
-    if any(
-        not forward_simulation_fails(search, problem, one)
-        for one in reference_fits_with_inertia_or_weight(search)
-    ):
-        return search
     balance = balance_problem(problem)
     if balance is None:
+        return search
+    shown = effects_in_balance(balance, effects)
+    if any(
+        not forward_simulation_fails(search, problem, one)
+        for one in reference_fits_with_one_more(search, [e for e in effects if e not in shown])
+    ):
         return search
     options.progress("the torque balance along the measured motion")
     balancing = Engine(balance, engine.scales, problem.rig.tolerance, engine.present)
     balancing.on_work = engine.on_work
     other = begin(
         balancing,
-        effects_in_balance(balance, effects),
+        shown,
         options,
         gap_problem=problem,
     )
@@ -128,16 +130,17 @@ def reference_fit(search: Search, ids: Sequence[str] = REFERENCE_EFFECTS) -> Fit
     return search.engine.fit(search.engine.hypotheses(found), COMPARISON.max_rounds)[0]
 
 
-def reference_fits_with_inertia_or_weight(search: Search) -> Iterator[Fit]:
-    """The reference effects fitted together with an added inertia, and with a weight, where these
-    are effects of the search. An inertia of implausible size is left out: of a rotor that is heavy
-    enough the simulation predicts the speed at the restart, whatever the input.
+def reference_fits_with_one_more(search: Search, not_in_balance: list[Effect]) -> Iterator[Fit]:
+    """The reference effects fitted together with one more that may be all that the forward
+    simulation lacks: an added inertia, a weight, or an effect that the torque balance cannot show.
+    A size that is implausible is left out, except that of a weight: of a rotor that is heavy enough
+    the simulation predicts the speed at the restart, whatever the input.
     """
-    for effect_id in (INERTIA, WEIGHT):
+    for effect_id in (INERTIA, WEIGHT, *(e.id for e in not_in_balance if e.id != WEIGHT)):
         one = reference_fit(search, (*REFERENCE_EFFECTS, effect_id))
         if one is None:
             continue
-        if effect_id == WEIGHT or size_density(search, one, BY_ID[INERTIA]) >= MIN_PRIOR:
+        if effect_id == WEIGHT or size_density(search, one, BY_ID[effect_id]) >= MIN_PRIOR:
             yield one
 
 

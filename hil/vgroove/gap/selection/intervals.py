@@ -39,7 +39,9 @@ class EstimateLimits:
     # largest gap over long stretches, in noise floors, with which their values are reported: the
     # simulation of a model that lacks an effect drifts from the log
     max_gap: float = 1.1
-    cluster_s: float = 0.5  # length of a cluster of correlated residuals: a stroke of a machine
+    # length of a cluster of correlated residuals, a stroke of a machine, and the fewest of a log
+    cluster_s: float = 0.5
+    min_clusters: int = 8
     # relative half width, 95 %, of the error of a value from the form error of the effect (see
     # limits.py); measured by `vgroove gap bench` (share of true values inside their interval)
     form_error: float = 0.03
@@ -209,9 +211,19 @@ def catalogue_forms(fixed: Flags, beyond: set[tuple[int, float]]) -> list[Flags]
 
 
 def time_clusters(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """Cluster (n,) of each row: the rows of one log within cluster_s."""
-    stretch = np.floor(time_s / ESTIMATE.cluster_s).astype(np.int64)
-    keys = log.astype(np.int64) * (int(stretch.max()) + 2) + stretch
+    """Cluster (n,) of each row: the rows of one log within cluster_s, or within an eighth of the
+    log where that is shorter: the scatter between one or two clusters says nothing.
+    """
+    numbers, of_log = np.unique(log, return_inverse=True)
+    limits = np.array(
+        [(t.min(), np.ptp(t)) for t in (time_s[of_log == k] for k in range(len(numbers)))]
+    )
+    first, length_s = limits.T
+    # a little longer, so that the last row belongs to the last of the clusters
+    size_s = np.minimum(ESTIMATE.cluster_s, length_s / ESTIMATE.min_clusters * (1.0 + 1e-9))
+    size_s = np.where(size_s > 0.0, size_s, ESTIMATE.cluster_s)
+    stretch = np.floor((time_s - first[of_log]) / size_s[of_log]).astype(np.int64)
+    keys = of_log.astype(np.int64) * (int(stretch.max()) + 1) + stretch
     return np.unique(keys, return_inverse=True)[1]
 
 

@@ -118,7 +118,8 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     """The established set of a selection, or the one in whitened residuals where it has more
     members, or as many others that do not merely generalise the former and gain less over it than
     an established member. Neither where it leaves a larger reported gap, nor where its sizes are
-    implausible and it closes little more.
+    implausible and it closes little more. No member is named whose size may be 0 by the reported
+    interval.
 
     A set must be established in the residuals as they are: whitened, also what is outside the
     catalogue leaves errors that one of its effects imitates with one size (an intermittent load a
@@ -126,6 +127,8 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     """
     search = selection.search
     part = known_members(search, established_set(search, selection.best, covariates))
+    if unknown_sizes(search, part):
+        part = search.retuned
     plain, plain_rivals = without_replaceable(selection, part, covariates)
     other = select_whitened(search) if part.ids else None
     if other is not None:
@@ -137,7 +140,8 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
             general = contains(best.ids, plain.ids) and not search.gains_share(best, plain)
             improves = search.reported_gap(best) <= search.reported_gap(plain)
             unlikely = is_less_plausible(search, best, plain)
-            if improves and (more or not general) and not unlikely:
+            known = not unknown_sizes(search, best)
+            if improves and (more or not general) and known and not unlikely:
                 return Established(best, rivals, other.search)
     return Established(plain, plain_rivals, search)
 
@@ -292,6 +296,8 @@ def unknown_sizes(search: Search, one: Fit) -> list[str]:
     search's restarts, and by the reported one. Intervals are linear approximations: a size without
     which nearly all of a large gap comes back is not 0.
     """
+    if not one.ids:
+        return []
     estimate = estimate_of(search, one)
     members = [i for i in one.ids if not is_known_size(estimate, BY_ID[i])]
     if members and search.unwhitened is None:
