@@ -905,6 +905,28 @@ def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
     assert found.best.ids == tuple(named or best.ids)
 
 
+@pytest.mark.parametrize(("unknown", "named"), [("", 2), ("magnetic_saturation", 1)])
+def test_a_special_case_that_takes_a_place_keeps_no_member_of_unknown_size(
+    unknown: str, named: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside a Coulomb friction the size of the saturation may be 0; beside a Stribeck friction,
+    which predicts as well, it is known.
+    """
+    state, part, special = Scored(40.0, 40.0, 5.0), named_gap(5.0, 2), named_gap(5.0, 2)
+    part.ids, special.ids = (
+        (friction, "magnetic_saturation") for friction in ("stribeck_friction", "coulomb_friction")
+    )
+    with_unknown_sizes(monkeypatch, "", 5.0)
+    monkeypatch.setattr(
+        decision, "unknown_sizes", lambda _, one: [i for i in (unknown,) if i and one is special]
+    )
+    monkeypatch.setattr(
+        decision, "established_rivals", lambda _, one, __: [special] if one is part else []
+    )
+    found, rivals = decision.leanest_established(selected(state, part), part, {})
+    assert found.ids == special.ids[:named] and rivals == []
+
+
 @pytest.mark.parametrize(
     ("effect", "sizes"),
     [
@@ -914,12 +936,14 @@ def test_of_an_established_set_members_whose_size_may_be_none_are_not_named(
         ("cold_grease", {"nm_s_per_rad"}),
         ("cogging_torque", {"torque_nm"}),
         ("wood_knot", {"torque_nm"}),
-        ("coupler_compliance", None),  # off at infinity: its other numbers are 0 without it
+        # off at infinity
+        ("coupler_compliance", {"stiffness_nm_per_rad"}),
+        ("magnetic_saturation", {"saturation_a"}),
     ],
 )
 @pytest.mark.parametrize("excludes", [False, True])
 def test_a_size_is_known_where_its_region_excludes_zero(
-    effect: str, sizes: set[str] | None, excludes: bool
+    effect: str, sizes: set[str], excludes: bool
 ) -> None:
     asked = []
 
@@ -928,8 +952,8 @@ def test_a_size_is_known_where_its_region_excludes_zero(
         return excludes
 
     estimate = SimpleNamespace(excludes_zero=excludes_zero)
-    assert decision.is_known_size(estimate, BY_ID[effect]) is (sizes is None or excludes)
-    assert asked == ([] if sizes is None else [(effect, sizes)])
+    assert decision.is_known_size(estimate, BY_ID[effect]) is excludes
+    assert asked == [(effect, sizes)]
 
 
 @pytest.mark.parametrize(("interval", "known"), [((0.001, 0.01), True), ((-0.001, 0.01), False)])

@@ -162,13 +162,14 @@ def leanest_established(
     """The established set and its rivals, the sets that predict the logs equally well. The set is
     replaced by a rival that has special cases of its effects (a Coulomb friction instead of an
     asymmetric one), since this has fewer parameters, and by an established rival whose sizes are
-    far more probable by their prior.
+    far more probable by their prior; without members whose size may be 0 in that rival.
     """
     rivals = established_rivals(selection, part, covariates)
     for rival in rivals:
         special = len(rival.ids) == len(part.ids) and contains(part.ids, rival.ids)
         if special or is_likelier(selection.search, rival, part, covariates):
-            return leanest_established(selection, rival, covariates)
+            known = known_members(selection.search, rival)
+            return leanest_established(selection, known, covariates)
     return part, rivals
 
 
@@ -310,11 +311,10 @@ def unknown_sizes(search: Search, one: Fit) -> list[str]:
 def is_known_size(estimate: Estimate, effect: Effect) -> bool:
     """Whether the 95 % confidence region of an effect's sizes (its switches, or numbers of the unit
     of its leading one), of one or of all together, excludes 0: with its other numbers free, or
-    held, since a time constant means nothing at size 0. The size of an effect that is off at
-    infinity (a limit, a stiffness) is always known.
+    held, since a time constant means nothing at size 0. An effect that is off at infinity (a limit,
+    a stiffness) has the size 1 / value, whose interval contains 0 where that of the value does, to
+    first order.
     """
-    if effect.leading.neutral != 0.0:
-        return True
     if effect.counted:
         return all(
             e.ci95 is None or e.ci95[0] > 0.0 for e in estimate.parameters(effect.id).values()
