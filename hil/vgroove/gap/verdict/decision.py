@@ -295,7 +295,7 @@ def known_members(search: Search, one: Fit) -> Fit:
 def unknown_sizes(search: Search, one: Fit) -> list[str]:
     """Members of a set whose size may be 0, that of the least gain first: by the estimate with the
     search's restarts, and by the reported one. Intervals are linear approximations: a size without
-    which nearly all of a large gap comes back is not 0.
+    which most of a gap far above the noise comes back is not 0.
     """
     if not one.ids:
         return []
@@ -304,7 +304,11 @@ def unknown_sizes(search: Search, one: Fit) -> list[str]:
     if members and search.unwhitened is None:
         reported = best_estimate(search, one)
         members = [i for i in members if not is_known_size(reported, BY_ID[i])]
-    members = [i for i in members if not search.closes_far_gap(one, fit_without(search, one, i))]
+    members = [
+        i
+        for i in members
+        if search.closed_far_share(one, fit_without(search, one, i)) < COMPARISON.min_closed
+    ]
     return sorted(members, key=lambda i: search.score(fit_without(search, one, i)))
 
 
