@@ -124,9 +124,9 @@ _LEFT_OUT_H = 2e-6  # largest inductance that stands for an unknown one; coreles
 
 def _electrical_quantities(rig: "Rig") -> list[DerivedQuantity]:
     """Time constants and ratios of the electrical part. The fastest coreless motors have a winding
-    time constant of 3 us (limit 1 us) and a run-up time constant of 1 ms (limit 10 us). An
-    inductance smaller than any motor's is stated where it is not known, and has no least time
-    constant.
+    time constant of 3 us (limit 1 us) and a run-up time constant of 1 ms (limit 1 us: a rig may
+    lack most of an inertia; a torque constant in mN m/A makes it a millionth). An inductance
+    smaller than any motor's is stated where it is not known, and has no least time constant.
     """
     motor = rig.motor
     resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
@@ -145,7 +145,7 @@ def _electrical_quantities(rig: "Rig") -> list[DerivedQuantity]:
         DerivedQuantity(
             "the run-up time constant J R / k^2 in s",
             rig.drive_inertia_kg_m2 * resistance / k**2,
-            1e-5,
+            1e-6,
             1e3,
             run_up,
         ),

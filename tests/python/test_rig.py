@@ -231,6 +231,19 @@ def test_an_inductance_too_small_for_a_motor_stands_for_an_unknown_one(
             rig_from_dict(data, "x")
 
 
+@pytest.mark.parametrize(("inertia_kg_m2", "passes"), [(7e-10, True), (5e-10, False)])
+def test_most_of_an_inertia_may_be_missing(inertia_kg_m2: float, passes: bool) -> None:
+    """0.19 ohm and 0.0109 N m/A: a run-up of 1 us at 6.25e-10 kg m2."""
+    data = copy.deepcopy(RIG)
+    data["motor"] |= {"inertia_kg_m2": inertia_kg_m2, "viscous_nm_s_per_rad": 0.0}
+    data["gearbox"] = {"ratio": 1.0, "output_inertia_kg_m2": 0.0}
+    if passes:
+        assert rig_from_dict(data, "x").motor["inertia_kg_m2"] == inertia_kg_m2
+    else:
+        with pytest.raises(VgrooveError, match="run-up"):
+            rig_from_dict(data, "x")
+
+
 @pytest.mark.parametrize("kind", ["current_a", "voltage_v"])
 def test_a_linear_axis_passes(kind: str) -> None:
     """95 kg read as kg m2, 35 N/V as N m/A, 204 N s/m, 20 N; and a current as input leaves the
