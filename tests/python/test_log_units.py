@@ -5,6 +5,7 @@ refused with the mend; no log of a tool is that only differs from its rig.
 import json
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -209,14 +210,35 @@ def test_an_angle_that_wraps_once_is_refused() -> None:
 
 
 def test_one_jump_with_the_motion_or_over_a_gap_is_no_wrap() -> None:
-    time_s, slope = np.arange(100) / 100, np.linspace(0.0, 0.5, 100)
+    time_s, slope = np.arange(100) / 100, np.linspace(0.0, 5.0, 100)
     gap = time_s + np.where(time_s > 0.5, 1.0, 0.0)
     for times, jump in ((time_s, 9.0), (gap, 9.0), (gap, -9.0)):
         angle = slope + np.where(time_s > 0.5, jump, 0.0)
-        log = Log(times, {"duty": slope, "position_rad": angle}, "stepped")
+        log = Log(times, {"duty": slope / 5, "position_rad": angle}, "stepped")
         assert not check_log(log).refused
-    log = Log(time_s, {"duty": slope, "position_rad": angle}, "wrapped")
+    log = Log(time_s, {"duty": slope / 5, "position_rad": angle}, "wrapped")
     assert check_log(log).refused
+
+
+@given(st.integers(0, 1000), st.floats(1e-4, 0.05), st.sampled_from([-10.0, 10.0]))
+@settings(max_examples=50, deadline=None)
+def test_a_step_between_two_rows_is_no_wrap(seed: int, noise: float, step: float) -> None:
+    rng, time_s = np.random.default_rng(seed), np.arange(100) / 5
+    for moves in ([50], [20, 50, 80]):
+        angle = sum(step * (-1) ** k * (time_s > row / 5) for k, row in enumerate(moves))
+        columns = {"duty": time_s / 20, "position_rad": angle + rng.normal(0.0, noise, 100)}
+        check = check_log(Log(time_s, columns, "stepped"))
+        assert not check.refused
+        assert ["may be an angle" in f.text and f.warns for f in check.findings] == [
+            True for _ in moves[2:]
+        ]
+
+
+def test_a_counter_that_is_set_to_another_value_is_named() -> None:
+    time_s = np.arange(400) / 100
+    angle = 5.0 * time_s - np.where(time_s > 2.0, 10.0, 0.0)
+    found = check_log(Log(time_s, {"duty": time_s / 4, "position_rad": angle}, "homed"))
+    assert found.refused and "(homing): cut the log there" in found.findings[0].text
 
 
 @given(st.floats(0.02, 1.0))
@@ -245,23 +267,47 @@ def test_a_factor_that_the_command_may_have_names_it_too() -> None:
     assert "voltage_v:" not in found.text  # the current shows that the command is in V
 
 
-@pytest.mark.parametrize(("mark", "refused"), [(6553.5, True), (-3276.8, True), (60.0, False)])
+MARKS = [(6553.5, True), (-3276.8, True), (60.0, False)]  # times most / 20
+
+
+@pytest.mark.parametrize(("mark", "refused"), MARKS)
 @pytest.mark.parametrize("column", ["current_a", "speed_rpm"])
-def test_a_value_that_marks_missing_samples_is_refused(
+def test_a_value_that_marks_missing_samples_is_named(
     column: str, mark: float, refused: bool
 ) -> None:
-    log, _ = practice()
-    most = float(np.nanmax(np.abs(log[column])))
-    value = mark / 20.0 * most
-    marked = log[column].copy()
+    log, tool = practice()
+    value = mark / 20.0 * float(np.nanmax(np.abs(log[column])))
     for rows in ([500], [500, 700], range(500, 560)):  # too few, or one after the other
-        marked[rows] = value
-        assert not check_log(replace(log, columns=log.columns | {column: marked})).refused
-        marked = log[column].copy()
-    marked[500:5000:97] = value
-    found = check_log(replace(log, columns=log.columns | {column: marked}))
-    assert found.refused == refused
-    assert not refused or "47 rows" in found.findings[0].text
+        assert not plausibility_findings(with_values(log, column, rows, value), tool)
+    found = plausibility_findings(with_values(log, column, range(500, 5000, 97), value), tool)
+    assert [(f.refuses, "47 rows" in f.text) for f in found] == [(True, True)] * refused
+
+
+def with_values(log: Log, column: str, rows: Iterable[int], value: float) -> Log:
+    """The log with a value in these rows of a column."""
+    values = log[column].copy()
+    values[list(rows)] = value
+    return replace(log, columns=log.columns | {column: values}, warnings=[])
+
+
+@pytest.mark.parametrize("mark", [65_535, -32_768, 99_999, 2**32 - 1])
+@pytest.mark.parametrize("column", ["current_a", "position_rad"])
+def test_the_marks_of_loggers_are_refused_without_a_rig(column: str, mark: float) -> None:
+    log = with_angle(practice()[0], 1.0)
+    found = plausibility_findings(with_values(log, column, range(500, 5000, 97), mark))
+    assert any(f.refuses and "marks missing samples" in f.text for f in found)
+
+
+@given(st.floats(5.2, 12.8), st.integers(3, 9))
+@settings(max_examples=30, deadline=None)
+def test_inrush_at_the_limit_of_the_sensor_is_a_warning(ratio: float, starts: int) -> None:
+    log, tool = practice()
+    current = np.full(len(log), 1.6)
+    current[200 : 200 + 500 * starts : 500] = 1.6 * ratio
+    saturated = replace(log, columns=log.columns | {"current_a": current}, warnings=[])
+    for rig_or_none in (tool, None):
+        (found,) = plausibility_findings(saturated, rig_or_none)
+        assert found.warns and not found.refuses
 
 
 def loaded() -> tuple[Log, Rig]:
@@ -271,7 +317,13 @@ def loaded() -> tuple[Log, Rig]:
 
 @pytest.mark.parametrize(
     ("torque_nm", "part"),
-    [(0.7, ""), (40.0, ""), (41.0, '"load_nm:mNm='), (40_000.0, '"load_nm:mNm='), (41e3, "unit?")],
+    [
+        (0.7, ""),
+        (40.0, ""),
+        (41.0, '"load_nm:mNm='),
+        (40_000.0, '"load_nm:mNm='),
+        (41e3, "another unit"),
+    ],
 )
 def test_a_load_beyond_ten_times_the_stall_torque_is_refused(torque_nm: float, part: str) -> None:
     log, tool = loaded()  # 12 V / 0.35 ohm * 0.0085 Nm/A * 14 = 4.08 Nm
@@ -279,6 +331,18 @@ def test_a_load_beyond_ten_times_the_stall_torque_is_refused(torque_nm: float, p
     found = plausibility_findings(scaled(log, "load_nm", factor), tool)
     assert [f.refuses for f in found] == [True] * bool(part) and all(part in f.text for f in found)
     assert not plausibility_findings(scaled(log, "load_nm", factor))
+
+
+@pytest.mark.parametrize("kind", ["current_a", "voltage_v"])
+def test_the_load_of_a_barely_driven_run_is_compared_with_the_supply(kind: str) -> None:
+    log, tool = loaded()
+    driven = replace(tool, input={"kind": kind})
+    weak = replace(log, columns=log.columns | {kind: np.full(len(log), 1e-4)}, warnings=[])
+    assert not plausibility_findings(weak, driven)
+    (found,) = plausibility_findings(scaled(weak, "load_nm", 1e3), driven)
+    assert found.refuses and "load_nm:mNm" in found.text
+    without = replace(driven, supply={})
+    assert not plausibility_findings(scaled(weak, "load_nm", 1e3), without)
 
 
 def test_a_load_of_the_opposite_sign_is_named_beside_the_current() -> None:
@@ -420,6 +484,14 @@ def test_rows_faster_than_any_logger_are_in_a_longer_unit(unit: str, interval_s:
     found = [f for f in rate_finding(fast, without_rate(tool)) if f.refuses]
     assert bool(found) == (np.median(np.diff(stamps)) < 1e-6), found
     assert all(f"time_s:{unit}=time_s" in f.text for f in found)
+
+
+@pytest.mark.parametrize("start_s", [0.0, 3.0, 100.0])
+def test_rows_at_1_mhz_are_those_of_a_logger(start_s: float) -> None:
+    log, tool = practice()
+    columns = {n: v[:400] for n, v in log.columns.items()}
+    fast = replace(log, time_s=start_s + np.arange(400) / 1e6, columns=columns, warnings=[])
+    assert not rate_finding(fast, without_rate(tool))
 
 
 def test_times_in_minutes_are_seen_without_a_stated_rate() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vgroove.gap.log_check.finding import Finding
 from vgroove.gap.log_check.nominal import mean_error, nominal_pairs
-from vgroove.gap.log_check.plausible import MIN_INTERVAL_S, TIME_UNITS
+from vgroove.gap.log_check.plausible import LEAST_INTERVAL_S, TIME_UNITS
 from vgroove.log import Log
 from vgroove.rig import Rig
 
@@ -47,7 +47,7 @@ def best_time_factor(log: Log, rig: Rig) -> float:
         # rows that are farther apart with the other unit would show no transient
         longest = np.inf if size > 1.0 else min(slow_s, RULES.max_interval_s)
         clear = size > 1.0 or own >= RULES.least_error_longer
-        if not clear or not MIN_INTERVAL_S <= interval / size <= longest:
+        if not clear or not LEAST_INTERVAL_S <= interval / size <= longest:
             continue
         if (error := time_errors(log, rig, 1.0 / size)) < least:
             best, least = 1.0 / size, error
