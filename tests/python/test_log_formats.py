@@ -26,6 +26,8 @@ from scipy.io import savemat
 from telemetry_board import ROOT
 from vgroove.errors import VgrooveError
 from vgroove.log import ColumnMap, Log, as_list, as_log, column_map, read_log, write_csv
+from vgroove.log.column_map import NO_MAP
+from vgroove.log.raw_columns import RawColumns, log_from_raw
 from vgroove.log.stated_units import unit_in_name
 from vgroove.log.units_of_columns import UNITS, unit_factor
 from vgroove.units import RPM_PER_RAD_S
@@ -567,6 +569,10 @@ UNKNOWN_UNITS = [
     ("duty", "V", '"I [V]:FACTOR=duty"'),
     ("duty", "10%", '"I [10%]:10%=duty"'),
     ("time_s", "ticks", '"I [ticks]:FACTOR s=time_s"'),
+    ("current_a", "1/10 A", '"I [1/10 A]:FACTOR A=current_a"'),
+    ("position_rad", "Grad", '"I [Grad]:FACTOR rad=position_rad"'),
+    ("position_rad", "inc", '"I [inc]:FACTOR rad=position_rad"'),
+    ("load_nm", "lbs", '"I [lbs]:FACTOR Nm=load_nm"'),
 ]
 REMARKS = {
     "current_a": "raw|filtered|M1|left|1|phase A|A/D|W|d|q|in|max|min|10kHz|25 degC|A side|V1|a",
@@ -601,6 +607,88 @@ def test_a_bracket_that_is_no_unit_is_a_remark(tmp_path: Path, column: str) -> N
         (tmp_path / "a.csv").write_text(text_of(with_name(column, f"I [{text}]")))
         log = read_log(tmp_path / "a.csv", column_map([f"I [{text}]={column}"]))
         assert same(log, sample()), text
+
+
+SPELLINGS = {
+    ("time_s", 1.0): "sec.|secs|Sek.|[s]",
+    ("time_s", 1e-3): "milliseconds|msec.",
+    ("time_s", 60.0): "minutes|min.",
+    ("time_s", 3600.0): "hours",
+    ("duty", 1.0): "Unitless|dimensionless|[-]|[1]|(none)",
+    ("duty", 0.01): "pct|%|percent",
+    ("load_nm", 1.0): "N-m|Newton metre|newton-meters|N.m",
+    ("load_nm", 1.355818): "ft lbs|ft-lb|lbs-ft",
+    ("load_nm", 0.1129848): "in lbs|in-lbf",
+    ("load_nm", 0.0980665): "kgcm|kg-cm",
+    ("current_a", 1.0): "Amperes|[A]|(A)|A.",
+    ("speed_rpm", 1.0): "Rpm.|Upm|[RPM]|U/min",
+    ("position_rad", np.pi / 180): "degs|deg.",
+    ("position_rad", 2 * np.pi): "revs|rotations",
+}
+
+
+@pytest.mark.parametrize(("column", "factor"), SPELLINGS)
+def test_units_are_read_as_people_spell_them(column: str, factor: float) -> None:
+    columns = own(sample()) | {"position_rad": np.arange(80.0), "load_nm": np.arange(80.0)}
+    for text in SPELLINGS[column, factor].split("|"):
+        log = log_from_raw(RawColumns("a", list(columns), columns.get, {column: text}), NO_MAP)
+        assert np.allclose(log[column], columns[column] * factor, rtol=1e-6), text
+        assert log.warnings == []
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "factor"),
+    [
+        ("state", "enum", 1.0),
+        ("mode", "bool", 1.0),
+        ("coast", "flag", 1.0),
+        ("coast", "%", 0.01),
+        ("blow_count", "blows", 1.0),
+        ("blow_period_ms", "s", 1e3),
+        ("blow_period_ms", "ticks", 1.0),
+    ],
+)
+def test_the_unit_of_a_column_that_a_diagnosis_does_not_need_is_none(
+    tmp_path: Path, column: str, unit: str, factor: float
+) -> None:
+    values, log = np.arange(80.0), sample()
+    signals = [Signal(v, log.time_s, name=n) for n, v in log.columns.items()]
+    named = Signal(values, log.time_s, name=column, unit=unit)
+    read = read_log(mf4(tmp_path / "a.mf4", [[*signals, named]]))
+    assert np.allclose(read[column], values * factor) and read.warnings == []
+    (tmp_path / "a.csv").write_text(text_of(own(log) | {f"{column} [{unit}]": values}))
+    read = read_log(tmp_path / "a.csv", column_map([f"{column} [{unit}]={column}"]))
+    assert np.allclose(read[column], values * factor) and read.warnings == []
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "warns"),
+    [
+        *[("pos [U]", "position_rad", True), ("speed (el.)", "speed_rpm", True)],
+        *[("n [RPM]/1000", "speed_rpm", True), ("I [raw]", "current_a", True)],
+        *[("I [M1]", "current_a", False), ("I [filtered]", "current_a", False)],
+        *[("I (phase A)", "current_a", False), ("axis[0].I", "current_a", False)],
+        *[("I [A] (raw)", "current_a", False), ("I [-]", "current_a", False)],
+    ],
+)
+def test_brackets_that_are_read_as_a_remark_are_named(
+    tmp_path: Path, name: str, column: str, warns: bool
+) -> None:
+    (tmp_path / "a.csv").write_text(text_of(with_name(column, name)))
+    warnings = read_log(tmp_path / "a.csv", column_map([f"{name}={column}"])).warnings
+    said = f"the brackets of {name!r} are read as a remark, the unit as"
+    assert [said in warning for warning in warnings if "ignored" not in warning] == [True] * warns
+    stated = read_log(tmp_path / "a.csv", column_map([f"{name}:2={column}"])).warnings
+    assert not [warning for warning in stated if "remark" in warning]
+
+
+def test_a_first_row_with_a_text_column_is_no_line_of_units(tmp_path: Path) -> None:
+    names, *rows = text_of(own(sample())).splitlines()
+    text = "\n".join([f"{names},phase", "0,1,1,1,A", *(f"{row},A" for row in rows)])
+    (tmp_path / "a.csv").write_text(text + "\n")
+    assert len(read_log(tmp_path / "a.csv")) == 81
+    (tmp_path / "a.csv").write_text(text.replace("\n0,1", "\n1,1").replace("0.0", "1.0") + "\n")
+    assert read_log(tmp_path / "a.csv").time_s[0] == 1.0
 
 
 @given(

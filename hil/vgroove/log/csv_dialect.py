@@ -8,7 +8,7 @@ from itertools import islice
 
 from vgroove.log.dates import seconds_of_date
 from vgroove.log.stated_units import NO_UNIT
-from vgroove.log.units_of_columns import is_unit
+from vgroove.log.units_of_columns import bare, is_unit
 
 DELIMITERS = "\t;,"  # in the order in which they are tried; a comma may be a decimal sign
 COMMENTS = ("#", "%")
@@ -74,7 +74,7 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
         if named:
             return Dialect(delimiter, named, number - 1, number - 1, units)
     rows = [_cells(text, delimiter) for text in after]
-    units, skipped = _units(rows[0], len(header)) if rows else (), number
+    units, skipped = _line_of_units(rows[0], len(header)) if rows else (), number
     if units:
         rows, skipped = rows[1:], plain[1][0]
     else:
@@ -102,7 +102,7 @@ def _is_header(line: str, after: list[str]) -> bool:
     if len(names) < 2 or any(map(is_number, names)) or not all(names):
         return False
     rows = [_cells(text, delimiter) for text in after[:2]]
-    row = rows[-1] if _units(rows[0], len(names)) else rows[0]
+    row = rows[-1] if _line_of_units(rows[0], len(names)) else rows[0]
     return len(row) == len(names) and all(map(_is_sample, row))
 
 
@@ -125,15 +125,20 @@ def _delimiter(header: str, rows: list[str]) -> str:
     return (equal or held or [","])[0]
 
 
+def _line_of_units(row: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """The units of a row whose first cell is no number: 1,1,1,A may be a sample; empty without."""
+    return () if is_number(row[0]) else _units(row, count)
+
+
 def _units(row: tuple[str, ...], count: int) -> tuple[str, ...]:
     """The units of a row, as (ms), [V] or A, with 1 for plain numbers; empty for a row of
     samples.
     """
-    bare = tuple(cell.strip("()[] ") for cell in row)
-    others = [cell for cell in bare if cell not in NO_UNIT_CELLS]
+    units = tuple(map(bare, row))
+    others = [unit for unit in units if unit.lower() not in NO_UNIT_CELLS]
     if len(row) != count or any(map(is_number, others)) or not any(map(is_unit, others)):
         return ()
-    return bare
+    return units
 
 
 def _units_in_comment(comments: list[str], delimiter: str, count: int) -> tuple[str, ...]:

@@ -73,7 +73,9 @@ def _read(path: Path, columns: ColumnMap) -> Log:
     if rows.dates:
         refuse_unit_of_dates(places[TIME_COLUMN], str(path))
     values = dict(zip(places, table[:, :count], strict=True))
-    found, tick_s = _converted(text, places, values, rows.dates)
+    if rows.dates:
+        places = places | {TIME_COLUMN: Place(places[TIME_COLUMN].name, 1.0)}
+    found, tick_s = _converted(text, places, values, warnings)
     time_s = in_order(found.pop(TIME_COLUMN), tick_s, warnings, str(path))
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
     log = checked(log, lines[:count])
@@ -81,19 +83,16 @@ def _read(path: Path, columns: ColumnMap) -> Log:
 
 
 def _converted(
-    table: Table, places: dict[str, Place], values: dict[str, np.ndarray], dates: bool
+    table: Table, places: dict[str, Place], values: dict[str, np.ndarray], warnings: list[str]
 ) -> tuple[dict[str, np.ndarray], float]:
-    """The log columns (rows,) in their own units, and what one of the file's times is in s; dates:
-    the times are seconds.
-    """
+    """The log columns (rows,) in their own units, and what one of the file's times is in s."""
     units = dict(zip(table.dialect.header, table.dialect.units, strict=False))
     factors = {
-        column: factor_of(place, column, units.get(place.name, ""), str(table.path))
+        column: factor_of(place, column, units.get(place.name, ""), str(table.path), warnings)
         for column, place in places.items()
-        if not (dates and column == TIME_COLUMN)
     }
-    found = {c: v if factors.get(c, 1.0) == 1.0 else v * factors[c] for c, v in values.items()}
-    return found, factors.get(TIME_COLUMN, 1.0)
+    found = {c: v if factors[c] == 1.0 else v * factors[c] for c, v in values.items()}
+    return found, factors[TIME_COLUMN]
 
 
 def _refuse_cells(table: Table, columns: dict[int, np.ndarray]) -> None:

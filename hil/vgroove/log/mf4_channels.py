@@ -81,7 +81,7 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
 def _channel(source: Source, column: str, place: Place) -> Channel:
     """A log column of the file, in the unit of the log."""
     signal, times = _signal(source, place.name)
-    factor = factor_of(place, column, signal.unit, str(source.path))
+    factor = factor_of(place, column, signal.unit, str(source.path), source.warnings)
     return Channel(place.name, column, times, signal.samples.astype(float) * factor)
 
 
@@ -109,7 +109,8 @@ def _time_factor(source: Source, group: int) -> float:
     for channel in source.mdf.groups[group].channels:
         if channel.channel_type in MASTERS:
             place = Place(channel.name, None)
-            return factor_of(place, TIME_COLUMN, channel.unit or "", str(source.path))
+            unit, path = channel.unit or "", str(source.path)
+            return factor_of(place, TIME_COLUMN, unit, path, source.warnings)
     return 1.0
 
 

@@ -13,11 +13,12 @@ from vgroove.log.column_map import ColumnMap, Place, other_names
 from vgroove.log.stated_units import (
     needed_factor,
     refuse_contradiction,
+    remark_warning,
     unit_in_name,
     unit_of_place,
 )
 from vgroove.log.table import Log, check_columns, checked
-from vgroove.log.units_of_columns import TIME_COLUMN
+from vgroove.log.units_of_columns import TIME_COLUMN, WITH_UNIT
 
 
 @dataclass(frozen=True)
@@ -32,18 +33,23 @@ class RawColumns:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
-def factor_of(place: Place, column: str, unit: str, source: str) -> float:
+def factor_of(place: Place, column: str, unit: str, source: str, warnings: list[str]) -> float:
     """Factor from a column of a source to the log's unit: of the map's unit, else of the unit that
-    the source or the name of its column states, else 1; VgrooveError for a unit that is not known
-    and for two that differ.
+    the source or the name of its column states, else 1, with a warning where the name has a remark.
+    VgrooveError for a unit that is not known and for two that differ.
     """
     if place.factor is not None:
         return place.factor
     stated, named = unit_of_place(unit, column), unit_in_name(place.name, column)
+    if column not in WITH_UNIT:
+        return next((u.factor for u in (stated, named) if u and u.factor), 1.0)
     if stated and named:
         refuse_contradiction(stated, named, place.name, column, source)
-    found = stated or named
-    return needed_factor(found, place.name, column, source) if found else 1.0
+    if found := stated or named:
+        return needed_factor(found, place.name, column, source)
+    remarks = remark_warning(place.name, column, source)
+    warnings += [remark for remark in remarks if remark not in warnings]
+    return 1.0
 
 
 def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
@@ -62,7 +68,8 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
             refuse_unit_of_dates(place, raw.source)
             found[column] = values
             continue
-        factor = factor_of(place, column, raw.units.get(place.name, ""), raw.source)
+        unit = raw.units.get(place.name, "")
+        factor = factor_of(place, column, unit, raw.source, warnings)
         tick_s = factor if column == TIME_COLUMN else tick_s
         found[column] = values * factor
     time_s = found.pop(TIME_COLUMN)

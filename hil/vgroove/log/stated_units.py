@@ -6,13 +6,23 @@ import re
 from dataclasses import dataclass
 
 from vgroove.errors import VgrooveError
-from vgroove.log.units_of_columns import NUMBER, UNITS, is_unit, known_unit, own_unit, unit_factor
+from vgroove.log.units_of_columns import (
+    NUMBER,
+    UNITS,
+    bare,
+    is_unit,
+    known_unit,
+    own_unit,
+    unit_factor,
+)
 
-NO_UNIT = ("", "-", "1", "none", "n/a")  # that a file states for plain numbers
+# that a file states for plain numbers
+NO_UNIT = ("", "-", "1", "none", "n/a", "unitless", "dimensionless")
 BRACKETS = r"[(\[（]([^()\[\]（）]*)[)\]）]"
 AT_END = re.compile(rf"(?:\s*{BRACKETS})+\s*$")
 BETWEEN_WORDS = re.compile(r"[\s,;_]+")
 BETWEEN_PARTS = re.compile(r"[/·*⋅×.]|-(?=[^\W\d])")
+MULTIPLE = re.compile(rf"\d+/\d+|{NUMBER.pattern}")
 PART = re.compile(r"([^\W\d_]+|[%‰])(?:\^-?\d|-\d)?")
 # words, also as endings, that make another quantity of a unit
 MEASURES = ("rms", "eff", "peak", "pk", "pp", "ac", "el", "elec", "electrical")
@@ -21,8 +31,15 @@ OTHER_PARTS = {
     *("count", "counts", "cnt", "cts", "tick", "ticks", "pulse", "pulses", "edge", "edges"),
     *("step", "steps", "sample", "samples", "digit", "digits", "bit", "bits", "lsb", "inch"),
     *("lb", "lbf", "oz", "ozf", "kgf", "gf", "kp", "kn", "mn", "kg", "kw", "mw", "wh", "va"),
-    *("ah", "mah", "ohm", "degc", "khz", "mhz", "erpm"),
+    *("ah", "mah", "ohm", "degc", "khz", "mhz", "erpm", "lbs", "inc", "incs", "increments"),
+    *("inches", "feet", "foot", "grad", "gon"),  # Grad is a degree in German, 0.9 degrees else
 }
+# words of remarks that leave no doubt of the unit; so do numbers and M1
+PLAIN_WORDS = {
+    *("filtered", "unfiltered", "measured", "actual", "mean", "average", "motor", "shaft"),
+    *("output", "input", "left", "right", "front", "rear", "phase", "channel", "sensor"),
+}
+PLAIN_WORD = re.compile(r"[^\W\d_]{0,3}\d+")
 # parts of units in a product; alone they are words or letters of a phase
 WORDS = ("in", "ft", "min", "d", "h", "m", "g", "r", "N", "W", "K", "U")
 SINGLE_LETTERS = {unit for units in UNITS.values() for unit in units if len(unit) == 1}
@@ -51,9 +68,40 @@ def unit_in_name(name: str, column: str) -> Stated | None:
 
 def unit_of_place(text: str, column: str) -> Stated | None:
     """The unit in a place for units alone, where a word is no remark; None for plain numbers."""
-    if text.strip().lower() in NO_UNIT:
+    if _is_plain_number(text):
         return None
     return stated_unit(text, column) or Stated(text.strip(), None)
+
+
+def remark_warning(name: str, column: str, source: str) -> list[str]:
+    """A warning of brackets in the name of a column that are read as a remark, unless its words
+    leave no doubt of the unit.
+    """
+    if all(map(_is_plain_remark, re.findall(BRACKETS, name))):
+        return []
+    return [
+        f"{source}: the brackets of {name!r} are read as a remark, the unit as "
+        f'{own_unit(column) or 1}: --map "{name}:UNIT={column}" states another one.'
+    ]
+
+
+def _is_plain_remark(text: str) -> bool:
+    """Whether a text in brackets is a remark that leaves no doubt of the unit: of known words,
+    numbers, and single letters behind them.
+    """
+    if _is_plain_number(text):
+        return True
+    first, *others = [word for word in BETWEEN_WORDS.split(text.lower()) if word] or [text]
+    return _is_plain_word(first) and all(len(w) == 1 or _is_plain_word(w) for w in others)
+
+
+def _is_plain_word(word: str) -> bool:
+    return word in PLAIN_WORDS or bool(PLAIN_WORD.fullmatch(word))
+
+
+def _is_plain_number(text: str) -> bool:
+    """Whether a text states that a column holds plain numbers."""
+    return bare(text).lower() in NO_UNIT
 
 
 def stated_unit(text: str, column: str) -> Stated | None:
@@ -64,7 +112,7 @@ def stated_unit(text: str, column: str) -> Stated | None:
     units.
     """
     text = text.strip()
-    if text.lower() in NO_UNIT:
+    if _is_plain_number(text):
         return None
     words = [word for word in BETWEEN_WORDS.split(text) if word] or [text]
     factor = known_unit(text, column)
@@ -72,7 +120,7 @@ def stated_unit(text: str, column: str) -> Stated | None:
         factor = known_unit(words[0], column)
     if factor is not None:
         return Stated(text, factor)
-    number = NUMBER.match(text)
+    number = MULTIPLE.match(text)
     unit = text[number.end() :] if number else ""
     if unit and not unit.startswith("/"):
         return Stated(text, None) if known_unit(unit, column) else None
@@ -86,7 +134,7 @@ def _is_scaled(words: list[str], column: str) -> bool:
 
 def _is_unit_text(words: list[str]) -> bool:
     """Whether words are nothing but parts of units and measures."""
-    parts = [word for word in words if word.lower().strip(".") not in MEASURES]
+    parts = [word for word in words if not _is_measure(word)]
     return bool(parts) and parts[0] not in WORDS and all(map(_is_of_unit, parts))
 
 
@@ -134,8 +182,11 @@ def _in_brackets(name: str) -> list[str]:
 
 def _is_unit_word(word: str) -> bool:
     """Whether a word behind a unit belongs to it."""
-    is_measure = word.lower().strip(".") in MEASURES
-    return is_measure or (word not in WORDS and _is_of_unit(word))
+    return _is_measure(word) or _is_unit_text([word])
+
+
+def _is_measure(word: str) -> bool:
+    return word.lower().strip(".") in MEASURES
 
 
 def _is_of_unit(word: str) -> bool:

@@ -4,10 +4,12 @@ import math
 import re
 
 from vgroove.errors import VgrooveError
-from vgroove.log.table import COLUMN_UNITS
+from vgroove.log.table import COLUMN_UNITS, INPUTS, MEASURED
 from vgroove.units import RPM_PER_RAD_S, TURN_RAD
 
 TIME_COLUMN = "time_s"
+# columns whose unit a diagnosis needs; the others are states, flags and counts
+WITH_UNIT = {TIME_COLUMN, *INPUTS, *MEASURED, "load_nm"}
 # International yard and pound agreement of 1959, and standard gravity of ISO 80000-3
 INCH_M, POUND_FORCE_N, GRAVITY_M_S2 = 0.0254, 4.4482216152605, 9.80665
 # own unit of a column -> other units and what one of them is in the own unit
@@ -45,20 +47,25 @@ UNITS: dict[str, dict[str, float]] = {
     "mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3},
     "": {"": 1.0, "1": 1.0, "%": 1e-2, "‰": 1e-3},
 }
+UNITS["ms"] = {unit: 1e3 * factor for unit, factor in UNITS["s"].items()}
 SPELLINGS = str.maketrans(
     {"µ": "u", "μ": "u", "°": "deg", "％": "%", "⁻": "^-", "¹": "1"} | dict.fromkeys(" ·*⋅×", "")
 )
 # unit: its other spellings, in small letters
 OTHER_SPELLINGS = {
-    "s": ("sec", "second", "seconds", "sek"),
-    "ms": ("msec",),
-    "us": ("usec",),
-    "d": ("days",),
-    "A": ("amp", "amps", "ampere"),
+    "s": ("sec", "secs", "second", "seconds", "sek"),
+    "ms": ("msec", "msecs", "millisecond", "milliseconds"),
+    "us": ("usec", "usecs", "microsecond", "microseconds"),
+    "ns": ("nsec", "nsecs", "nanosecond", "nanoseconds"),
+    "min": ("mins", "minute", "minutes"),
+    "h": ("hr", "hrs", "hour", "hours"),
+    "d": ("day", "days"),
+    "A": ("amp", "amps", "ampere", "amperes"),
     "V": ("volt", "volts", "vdc"),
     "mV": ("mvdc",),
     "rpm": (
         "u/min",
+        "upm",
         "r/min",
         "t/min",
         "t/mn",
@@ -73,19 +80,40 @@ OTHER_SPELLINGS = {
     "krpm": ("1000/min", "x1000rpm"),
     "rad/s": ("rad/sec", "rads^-1", "rads-1"),
     "deg/s": ("deg/sec", "degs^-1"),
-    "rev/s": ("rps", "turn/s", "turns/s"),
+    "rev/s": ("rps", "turn/s", "turns/s", "u/s"),
     "1/s": ("s^-1", "s-1"),
-    "deg": ("degree", "degrees"),
+    "rad": ("radian", "radians"),
+    "deg": ("degs", "degree", "degrees"),
+    "rev": ("revs", "revolution", "revolutions", "rotation", "rotations"),
     "turn": ("turns",),
-    "Nm": ("n.m",),
-    "lbf·in": ("lbf.in", "lbf-in", "lbin", "lb-in", "inlbf", "in-lbf", "in-lb"),
-    "lbf·ft": ("lbf.ft", "lbf-ft", "lbft", "lb-ft", "ftlbf", "ft-lbf", "ft-lb"),
-    "ozf·in": ("ozf.in", "ozf-in", "ozin", "oz-in", "in-oz"),
-    "%": ("percent",),
+    "Nm": (
+        "n.m",
+        "n-m",
+        "newtonmetre",
+        "newtonmetres",
+        "newtonmeter",
+        "newtonmeters",
+        "newton-metre",
+        "newton-metres",
+        "newton-meter",
+        "newton-meters",
+    ),
+    "lbf·in": (
+        *("lbf.in", "lbf-in", "lbin", "lb-in", "lbsin", "lbs-in"),
+        *("inlbf", "in-lbf", "inlb", "in-lb", "inlbs", "in-lbs"),
+    ),
+    "lbf·ft": (
+        *("lbf.ft", "lbf-ft", "lbft", "lb-ft", "lbsft", "lbs-ft"),
+        *("ftlbf", "ft-lbf", "ftlb", "ft-lb", "ftlbs", "ft-lbs"),
+    ),
+    "ozf·in": ("ozf.in", "ozf-in", "ozin", "oz-in", "inoz", "in-oz"),
+    "kgf·cm": ("kgf.cm", "kgf-cm", "kgcm", "kg.cm", "kg-cm"),
+    "%": ("percent", "pct"),
     "‰": ("permille",),
     "1": ("p.u.", "pu", "ratio"),
 }
 ALIASES = {other: unit for unit, others in OTHER_SPELLINGS.items() for other in others}
+ALIASES |= {other.removesuffix("."): unit for other, unit in ALIASES.items()}
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -105,9 +133,14 @@ def known_unit(text: str, column: str) -> float | None:
     return alike[0] if len(alike) == 1 else None
 
 
+def bare(text: str) -> str:
+    """A text without brackets around it and without a dot at its end: [A], sec."""
+    return text.strip("()[] ").removesuffix(".")
+
+
 def _spelt(unit: str) -> str:
-    """A unit without spaces and signs of multiplication, in the letters of the table."""
-    return unit.strip().translate(SPELLINGS)
+    """A bare unit without spaces and signs of multiplication, in the letters of the table."""
+    return bare(unit).translate(SPELLINGS)
 
 
 def is_unit(text: str) -> bool:
