@@ -226,6 +226,7 @@ def test_thousands_separators_are_refused(
     tmp_path_factory: pytest.TempPathFactory, large: list[int], separator: str
 ) -> None:
     path = tmp_path_factory.mktemp("thousands") / "a.csv"
+    large = [*large, 2260]
     cells = [f"{value:,}".replace(",", separator) for value in [*large, *range(12, 900, 60)]]
     with_cells(path, cells)
     refused(path, "column current_a", "without thousands separators")
@@ -237,14 +238,34 @@ def test_thousands_separators_are_refused(
     assert len(read_log(with_cells(path, short))) == len(short)
 
 
+@given(st.sampled_from([3, 7, 9, 11, 13]), st.sampled_from(["%.5g", "%.4g", "%.3f"]), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_decimals_without_zeros_at_their_end_are_no_thousands(
+    tmp_path_factory: pytest.TempPathFactory, parts: int, form: str, comma: bool
+) -> None:
+    written = [form % (100.0 * k / (parts * 8)) for k in range(8 * parts + 1)] * 3
+    cells = [c.rstrip("0").rstrip(".") if "." in c else c for c in written]
+    path = tmp_path_factory.mktemp("decimals") / "a.csv"
+    with_cells(path, [c.replace(".", ",") for c in cells] if comma else cells)
+    assert np.array_equal(read_log(path)["current_a"], np.array(cells, float))
+
+
 def test_few_decimals_are_no_thousands(tmp_path: Path) -> None:
-    for different, refuses in ((9, False), (10, True)):
-        cells = [f"{k % (different + 1)},125" if k % (different + 1) else "0" for k in range(80)]
+    for different, last, refuses in ((9, 0, False), (10, 0, True), (10, 5, False)):
+        values = [k % (different + 1) for k in range(80)]
+        cells = [f"{value},12{last}" if value else "0" for value in values]
         path = with_cells(tmp_path / "a.csv", cells)
         if refuses:
             refused(path, "thousands")
         else:
-            assert read_log(path)["current_a"][1] == 1.125
+            assert read_log(path)["current_a"][1] == 1.12 + last / 1000
+
+
+def test_a_long_text_beside_numbers_with_three_digits_is_a_sentence(tmp_path: Path) -> None:
+    rows = [f"{k / 1000},0.5,{k % 50 + 1}.12{k % 9},10,x" for k in range(80)]
+    text = "\n".join(["time_s,duty,current_a,speed_rpm,note", *rows]) + "y" * 200_000 + "\n"
+    (tmp_path / "a.csv").write_text(text)
+    refused(tmp_path / "a.csv", "is not CSV", "leave columns of long texts out")
 
 
 @pytest.mark.parametrize("cell", ["2.268,5", "2'268", "2\u202f268", "1.234.567", "1 234.5"])
@@ -339,6 +360,28 @@ def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:
     log = read_log(tmp_path / "a.csv")
     assert np.allclose(log.time_s, sample().time_s - sample().time_s[0], atol=2e-6)
     assert "begins again once, after a day" in log.warnings[0]
+
+
+@given(st.integers(1, 15), st.floats(0.1, 5.0))
+@settings(max_examples=30, deadline=None)
+def test_a_pause_at_midnight_is_one_of_the_rows(
+    tmp_path_factory: pytest.TempPathFactory, burst: int, pause_s: float
+) -> None:
+    seconds = np.arange(80) * 0.02 + np.arange(80) // 5 * pause_s
+    since = seconds - seconds[5 * burst] + 0.3 * pause_s
+    path = tmp_path_factory.mktemp("pause") / "a.csv"
+    path.write_text(with_times(of_day(since % 86_400.0)))
+    assert np.allclose(read_log(path).time_s, seconds, atol=4e-6)
+
+
+@given(st.sampled_from([1e-6, 1e-3]), st.integers(1, 79), st.floats(0.001, 0.5))
+@settings(max_examples=30, deadline=None)
+def test_a_counter_of_32_bits_in_seconds_goes_on(tick_s: float, at: int, step_s: float) -> None:
+    period_s = 2.0**32 * tick_s
+    time_s = (period_s + (np.arange(80) - at + 0.5) * step_s) % period_s
+    log = as_log(own(sample()) | {"time_s": time_s})
+    assert np.allclose(np.diff(log.time_s), step_s, atol=1e-6)
+    assert ["begins again once, after 2^32" in warning for warning in log.warnings] == [True]
 
 
 @pytest.mark.parametrize(

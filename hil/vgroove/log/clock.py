@@ -6,9 +6,13 @@ import numpy as np
 
 DAY_S, HALF_DAY_S = 86_400.0, 43_200.0
 COUNTER_BITS = (16, 32)
+# periods of counters of 32 bits that a logger writes in s, as micros() and millis() of Arduino
+COUNTERS_S = {"2^32 us": 2.0**32 * 1e-6, "2^32 ms": 2.0**32 * 1e-3}
 ROUNDING_S = 1e-6  # of stamps since 1970
 PARTS_S = {"second": 1.0, "minute": 60.0, "hour": 3600.0}
-MAX_INTERVALS = 3.0  # median intervals that a row may follow the one before the clock's restart
+# median intervals that a row may follow the one before the clock's restart; the longest pause
+# between two other rows if that is longer
+MAX_INTERVALS = 3.0
 MIN_ROUNDED_SHARE = 0.05  # of equal successive times, which then are rounded and not rows twice
 # where milliseconds without leading zeros go back within a second: from .5 ... .9 to .10 ... .19
 LATE, EARLY = (0.5, 1.0), (0.1, 0.2)
@@ -16,14 +20,14 @@ LATE, EARLY = (0.5, 1.0), (0.1, 0.2)
 
 def unwrapped(time_s: np.ndarray, tick_s: float) -> tuple[np.ndarray, str]:
     """Times (n,) in s, with a period added after each restart of a clock that lets the rows go on
-    within their interval, and a sentence on it; the times as they are without such a clock. tick_s:
-    unit of the numbers of the file.
+    within their intervals, and a sentence on it; the times as they are without such a clock.
+    tick_s: unit of the numbers of the file.
     """
     back = np.diff(time_s) < 0.0
     if not back.any() or not np.isfinite(time_s).all():
         return time_s, ""
     periods = {"a day": DAY_S}
-    periods |= {f"2^{bits} ticks": 2.0**bits * tick_s for bits in COUNTER_BITS}
+    periods |= {f"2^{bits} ticks": 2.0**bits * tick_s for bits in COUNTER_BITS} | COUNTERS_S
     for name, period_s in periods.items():
         if _restarts(time_s, period_s):
             added = np.concatenate([[0.0], np.cumsum(np.where(back, period_s, 0.0))])
@@ -51,7 +55,7 @@ def _restarts(time_s: np.ndarray, period_s: float) -> bool:
         return False
     onward = steps[steps < 0.0] + period_s
     rounding_s = 4.0 * np.finfo(float).eps * period_s
-    longest_s = MAX_INTERVALS * float(np.median(forward)) + rounding_s
+    longest_s = max(MAX_INTERVALS * np.median(forward), forward.max()) + rounding_s
     return bool((onward > 0.0).all() and (onward <= longest_s).all())
 
 

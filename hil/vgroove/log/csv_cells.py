@@ -4,7 +4,7 @@ time column that the columns to its right belong to.
 
 import csv
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -40,8 +40,13 @@ class Table:
         with self.open() as file:
             lines = (line for line in islice(file, self.dialect.skipped, None) if is_whole(line))
             for row in csv.reader(lines, delimiter=self.dialect.delimiter):
-                if any(cell.strip() for cell in row) and not is_comment(row[0]):
+                if is_row(row):
                     yield row[k].strip() if k < len(row) else ""
+
+
+def is_row(cells: Sequence[str]) -> bool:
+    """Whether the cells of a line are a row: neither a blank line nor a comment."""
+    return any(cell.strip() for cell in cells) and not is_comment(cells[0])
 
 
 def is_whole(line: str) -> bool:
@@ -51,14 +56,15 @@ def is_whole(line: str) -> bool:
 
 def refuse_thousands(table: Table, k: int, values: np.ndarray) -> None:
     """VgrooveError where the cells of column k, whose numbers are `values` (rows,), have thousands
-    separators: whole numbers below 1000, and cells with three digits behind a separator.
+    separators: whole numbers below 1000, and cells with three digits behind a separator, of which
+    one ends in 0 (a writer of decimals without the zeros at their end never writes 1.100).
     """
     if not _may_have_thousands(values):
         return
     grouped, whole = "", False
     for cell in table.cells(k):
         if THOUSANDS.fullmatch(cell):
-            grouped = grouped or cell
+            grouped = cell if cell.endswith("0") else grouped
         elif BELOW_THOUSAND.fullmatch(cell):
             whole = True
         elif cell and cell.lower() != "nan":

@@ -20,8 +20,15 @@ import numpy as np
 from vgroove.errors import VgrooveError
 from vgroove.log.clock import in_order
 from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names
-from vgroove.log.csv_cells import GROUPS, Table, is_whole, refuse_second_time, refuse_thousands
-from vgroove.log.csv_dialect import Dialect, detect_dialect, is_comment, is_number, with_point
+from vgroove.log.csv_cells import (
+    GROUPS,
+    Table,
+    is_row,
+    is_whole,
+    refuse_second_time,
+    refuse_thousands,
+)
+from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, with_point
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
 from vgroove.log.table import Log, check_columns, checked
@@ -43,6 +50,10 @@ def read_csv(path: Path, columns: ColumnMap = NO_MAP) -> Log:
         return _read(path, columns)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise VgrooveError(f"{path}: is a damaged or truncated gzip file: {error}.") from error
+    except csv.Error as error:
+        raise VgrooveError(
+            f"{path}: is not CSV: {error}: leave columns of long texts out of the file."
+        ) from error
 
 
 def _open(path: Path) -> IO[bytes]:
@@ -254,7 +265,7 @@ class _Rows:
                 self._line = before + reader.line_num
                 if row is None:
                     return
-                if any(cell.strip() for cell in row) and not is_comment(row[0]):
+                if is_row(row):
                     yield self._line, row
         except csv.Error as error:
             line = before + reader.line_num

@@ -43,7 +43,7 @@ class FactorRules:
     least: float = 3.0
     least_warned: float = 5.0  # a farther one that is no unit's is a warning
     counts: float = 7.0  # least factor of a position that is in counts: more than any fault makes
-    # relative, of a whole number of pole pairs, which lie by 3 % apart at least
+    # relative, of a whole number of pole pairs, which lie by 6 % apart at least
     pole_tolerance: float = 0.01
     nearest: float = 1.5  # factor by which the unit that the warning names may be missed
     max_scatter: float = 0.15  # median relative error that may be left with the factor
@@ -103,12 +103,12 @@ class Slope:
 
 @dataclass(frozen=True)
 class Causes:
-    """What else than the unit of a column may make its factor. alone: the command, which moves no
-    other column; loaded: a measured load.
+    """What else than the unit of a column may make its factor: the command, if it moves no other
+    column, and a measured load (loaded).
     """
 
     rig: Rig
-    alone: bool
+    is_only_moved_column: bool
     loaded: bool
 
 
@@ -133,7 +133,9 @@ CONVERTED_TWICE = {
 }
 CURRENT_UNITS = {1e3: "mA", -1e3: "-mA", -1.0: "-A"}
 GEARED = ("speed_rpm", "position_rad")
-POLE_PAIRS = range(2, 31)
+# More than 3, of which an electrical speed is a warning, and so few that the factors within
+# RULES.pole_tolerance of one of them are less than a third of all factors
+POLE_PAIRS = range(4, 16)
 # factor of a speed in one pole pair, and its name: an electrical speed is a multiple of it
 ELECTRICAL = {1.0: "rpm", 1.0 / 60.0: "Hz"}
 WIDE_FACTORS = (1e3, 1e-3)
@@ -179,9 +181,9 @@ def _acceleration_findings(factors: dict[str, float], log: Log, rig: Rig) -> lis
 
 def _findings_of_columns(slopes: list[Slope], log: Log, rig: Rig) -> list[Finding]:
     """Findings on each column by itself."""
-    alone = sum(slope.column != "supply_v" for slope in slopes) == 1
+    is_only = sum(slope.column != "supply_v" for slope in slopes) == 1
     loaded = rig.load["kind"] == "torque" and "load_nm" in log.columns
-    causes = Causes(rig, alone, loaded)
+    causes = Causes(rig, is_only, loaded)
     return [finding for slope in slopes for finding in _column_findings(slope, causes)]
 
 
@@ -242,7 +244,7 @@ def _or_input(column: str, factor: float, causes: Causes) -> str:
     own = COLUMN_UNITS[kind]
     scaled = {} if kind == "duty" else {1e-3: f"m{own}", -1e-3: f"-m{own}"}
     for size, unit in ({-1.0: f"-{own or 1}"} | scaled).items():
-        if causes.alone and factor == size:
+        if causes.is_only_moved_column and factor == size:
             return f", or, if {kind} is in {unit}, {_mend(kind, unit)}"
     if causes.loaded and column == "current_a" and factor == -1.0:
         return f", or, if load_nm is in -Nm, {_mend('load_nm', '-Nm')}"
@@ -274,8 +276,10 @@ def _electrical(slope: Slope) -> list[str]:
     """The electrical speeds of a motor with pole pairs that the factor of a speed is near to, each
     with its mend.
     """
+    if slope.column != "speed_rpm":
+        return []
     found = []
-    for one, name in ELECTRICAL.items() if slope.column == "speed_rpm" else ():
+    for one, name in ELECTRICAL.items():
         pairs = round(abs(slope.factor) / one)
         factor = math.copysign(pairs * one, slope.factor)
         if pairs in POLE_PAIRS and _is_near(slope.factor, factor):
