@@ -61,6 +61,7 @@ OTHER_SPELLINGS = {
     "h": ("hr", "hrs", "hour", "hours"),
     "d": ("day", "days"),
     "A": ("amp", "amps", "ampere", "amperes"),
+    "mA": ("mamp", "mamps", "milliamp", "milliamps"),
     "V": ("volt", "volts", "vdc"),
     "mV": ("mvdc",),
     "rpm": (
@@ -108,7 +109,7 @@ OTHER_SPELLINGS = {
     ),
     "ozf·in": ("ozf.in", "ozf-in", "ozin", "oz-in", "inoz", "in-oz"),
     "kgf·cm": ("kgf.cm", "kgf-cm", "kgcm", "kg.cm", "kg-cm"),
-    "%": ("percent", "pct"),
+    "%": ("percent", "pct", "prozent", "proz"),
     "‰": ("permille",),
     "1": ("p.u.", "pu", "ratio"),
 }
