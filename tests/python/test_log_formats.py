@@ -664,7 +664,7 @@ SPELLINGS = {
     ("load_nm", 1.355818): "ft lbs|ft-lb|lbs-ft",
     ("load_nm", 0.1129848): "in lbs|in-lbf",
     ("load_nm", 0.0980665): "kgcm|kg-cm",
-    ("current_a", 1.0): "Amperes|[A]|(A)|A.",
+    ("current_a", 1.0): "Amperes|[A]|(A)|（A）|A.",
     ("current_a", 1e-3): "mAmp|milliamps",
     ("speed_rpm", 1.0): "Rpm.|Upm|[RPM]|U/min",
     ("position_rad", np.pi / 180): "degs|deg.",
@@ -711,6 +711,7 @@ def test_the_unit_of_a_column_that_a_diagnosis_does_not_need_is_none(
     [
         *[("pos [U]", "position_rad", True), ("speed (el.)", "speed_rpm", True)],
         *[("n [RPM]/1000", "speed_rpm", True), ("I [raw]", "current_a", True)],
+        *[("n [x10]", "speed_rpm", True), ("n [100]", "speed_rpm", True)],
         *[("I [M1]", "current_a", False), ("I [filtered]", "current_a", False)],
         *[("I (phase A)", "current_a", False), ("axis[0].I", "current_a", False)],
         *[("I [A] (raw)", "current_a", False), ("I [-]", "current_a", False)],

@@ -34,12 +34,12 @@ OTHER_PARTS = {
     *("ah", "mah", "ohm", "degc", "khz", "mhz", "erpm", "lbs", "inc", "incs", "increments"),
     *("inches", "feet", "foot", "grad", "gon"),  # Grad is a degree in German, 0.9 degrees else
 }
-# words of remarks that leave no doubt of the unit; so do numbers and M1
+# words of remarks that leave no doubt of the unit; so do a digit and M1, but not x10
 PLAIN_WORDS = {
     *("filtered", "unfiltered", "measured", "actual", "mean", "average", "motor", "shaft"),
     *("output", "input", "left", "right", "front", "rear", "phase", "channel", "sensor"),
 }
-PLAIN_WORD = re.compile(r"[^\W\d_]{0,3}\d+")
+PLAIN_WORD = re.compile(r"(?!x)[^\W\d_]{1,3}\d{1,2}|\d")
 # parts of units in a product; alone they are words or letters of a phase
 WORDS = ("in", "ft", "min", "d", "h", "m", "g", "r", "N", "W", "K", "U")
 SINGLE_LETTERS = {unit for units in UNITS.values() for unit in units if len(unit) == 1}
@@ -87,7 +87,7 @@ def remark_warning(name: str, column: str, source: str) -> list[str]:
 
 def _is_plain_remark(text: str) -> bool:
     """Whether a text in brackets is a remark that leaves no doubt of the unit: of known words,
-    numbers, and single letters behind them.
+    digits, and single letters behind them.
     """
     if _is_plain_number(text):
         return True

@@ -136,7 +136,7 @@ def known_unit(text: str, column: str) -> float | None:
 
 def bare(text: str) -> str:
     """A text without brackets around it and without a dot at its end: [A], sec."""
-    return text.strip("()[] ").removesuffix(".")
+    return text.strip("()[]（） ").removesuffix(".")
 
 
 def _spelt(unit: str) -> str:

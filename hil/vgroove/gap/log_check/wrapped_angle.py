@@ -10,7 +10,9 @@ from vgroove.log import Log
 
 @dataclass(frozen=True)
 class WrapRules:
-    """When a position is an angle within one turn (values chosen; no log of tests/data comes near)."""
+    """When a position is an angle within one turn (values chosen; no log of tests/data
+    comes near).
+    """
 
     jump: float = 0.6  # of its range, between two rows
     calm: float = 0.2  # of its range, that the rows before and after a jump may change by
