@@ -406,8 +406,8 @@ def test_where_the_simulation_fails_for_want_of_a_weight_alone_it_is_kept(
 def test_where_the_simulation_fails_for_an_effect_that_the_balance_lacks_it_is_kept(
     in_balance: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The command acts late. A balance of torques over few rows cannot show that, and its intervals
-    of the frictions say nothing about it.
+    """The command acts late. A balance of torques over few rows cannot show that, however narrow
+    its intervals of the frictions are.
     """
     late = tool_of("current_a", transport_delay={"delay_s": 0.02})
     log, stated = simulated_log(late, gentle("current_a")), tool_of("current_a")
@@ -429,6 +429,25 @@ def test_where_the_simulation_fails_for_an_effect_that_the_balance_lacks_it_is_k
     begun = stages.begin_search(load_problem([log], stated), options)
     assert (comparison_of(begun) == FORWARD) is not in_balance
     assert {e.id for e in begun.effects} == set(ids)
+
+
+@pytest.mark.parametrize(
+    ("resonance_rad_s", "least"), [(150.0, True), (400.0, True), (900.0, False)]
+)
+def test_a_reference_fit_takes_the_best_of_many_starts(resonance_rad_s: float, least: bool) -> None:
+    """A resonance is reached from starts near it alone: from that of least cost, or from the first
+    one.
+    """
+    ids, inertia = (*FRICTIONS, "coupler_compliance"), 5.4e-6
+    coupler = {"damping_ratio": 0.1, "inertia_kg_m2": inertia}
+    coupler["stiffness_nm_per_rad"] = resonance_rad_s**2 * inertia
+    command = 1.0 + 6.0 * np.sign(np.sin(2.0 * np.pi * (2.0 if least else 9.0) * TIME_S))
+    log = simulated_log(tool_of("current_a", coupler_compliance=coupler), command)
+    search = begin(log, tool_of("current_a"), ids)
+    (start, *_) = search.engine.hypotheses([BY_ID[i] for i in ids])
+    (first,) = search.engine.fit([start], search_state.COMPARISON.max_rounds)
+    found = reference_fit(search, ids)
+    assert found.cost < 0.01 * first.cost if least else found.cost == first.cost
 
 
 def test_a_log_that_is_never_driven_has_no_torque_balance() -> None:

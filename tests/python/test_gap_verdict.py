@@ -792,7 +792,7 @@ def test_a_rival_of_a_partial_set_counts_where_it_is_established_and_not_improba
 
 
 @pytest.mark.parametrize(("unknown", "verdict"), [("a", "ambiguous"), ("b", "partial")])
-def test_a_rival_may_share_a_member_whose_size_it_does_not_tell(
+def test_a_rival_may_share_a_member_whose_size_may_be_none_beside_it(
     unknown: str, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The rival holds a member of the named set, a, and b in addition."""
@@ -1265,9 +1265,21 @@ def test_a_tied_special_case_is_named_in_place_of_its_general_effect(
         decision, "established_rivals", lambda _, one, __: rivals if one is part else of_special
     )
     monkeypatch.setattr(decision, "is_likelier", lambda *_: False)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found, left = decision.leanest_established(SimpleNamespace(search=None), part, {})
     assert found.ids == named
     assert left == (rivals if found is part else of_special)
+
+
+def test_sets_that_would_take_each_others_place_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is likelier than the other; the one reached last is named, the other is its rival."""
+    first, second = SimpleNamespace(ids=("brush_drop",)), SimpleNamespace(ids=("speed_lag",))
+    others = {first.ids: [second], second.ids: [first]}
+    monkeypatch.setattr(decision, "established_rivals", lambda _, one, __: others[one.ids])
+    monkeypatch.setattr(decision, "is_likelier", lambda *_: True)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
+    found = decision.leanest_established(SimpleNamespace(search=None), first, {})
+    assert found == (second, [first])
 
 
 @pytest.mark.parametrize(
@@ -1321,6 +1333,7 @@ def test_a_member_that_several_effects_replace_is_not_named_beside_others(
     )
     monkeypatch.setattr(decision, "is_likelier", lambda *_: False)
     monkeypatch.setattr(decision, "is_limited_by_noise", lambda _, one: "z" in one.ids)
+    monkeypatch.setattr(decision, "unknown_sizes", lambda *_: [])
     found, rivals = decision.without_replaceable(SimpleNamespace(search=state), a_set(ids), {})
     assert "".join(found.ids) == named
     assert ["".join(r.ids) for r in rivals] == tied.get(named, [])

@@ -206,8 +206,8 @@ def test_whitened_residuals_replace_an_established_set_by_no_smaller_one(
 def test_whitened_residuals_name_no_member_whose_reported_size_may_be_none(
     unknown: bool, far_search: Search, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whitened residuals establish a second member, whose size they tell; the interval of the
-    residuals as they are, which is reported, contains 0 or not.
+    """Whitened residuals establish a second member of known size; its interval from the residuals
+    as they are, which is reported, contains 0 or not.
     """
     more = ("coulomb_friction", "current_gain")
 

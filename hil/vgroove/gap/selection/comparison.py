@@ -22,6 +22,7 @@ from vgroove.gap.residual.torque_balance import BalanceProblem, balance_problem
 from vgroove.gap.selection.intervals import estimate_of
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search_state import COMPARISON, Search, begin
+from vgroove.gap.selection.single_effects import least_costly
 from vgroove.gap.selection.size_prior import MIN_PRIOR, size_density
 
 FORWARD, BALANCE = "forward simulation", "torque balance"
@@ -98,12 +99,7 @@ def begin_in_better_comparison(
     options.progress("the torque balance along the measured motion")
     balancing = Engine(balance, engine.scales, problem.rig.tolerance, engine.present)
     balancing.on_work = engine.on_work
-    other = begin(
-        balancing,
-        shown,
-        options,
-        gap_problem=problem,
-    )
+    other = begin(balancing, shown, options, gap_problem=problem)
     widths = (
         mean_interval_width(search, reference),
         mean_interval_width(other, reference_fit(other)),
@@ -123,11 +119,15 @@ def effects_in_balance(balance: BalanceProblem, effects: Sequence[Effect]) -> li
 
 
 def reference_fit(search: Search, ids: Sequence[str] = REFERENCE_EFFECTS) -> Fit | None:
-    """The fit of the effects `ids` together; None if the search does not have all of them."""
+    """The best fit of the effects `ids` together, from their first start and those of least cost;
+    None if the search does not have all of them.
+    """
     found = [e for e in search.effects if e.id in ids]
     if len(found) < len(ids):
         return None
-    return search.engine.fit(search.engine.hypotheses(found), COMPARISON.max_rounds)[0]
+    starts = search.engine.hypotheses(found)
+    starts = starts[:1] + (least_costly(search, starts[1:]) if len(starts) > 1 else [])
+    return min(search.engine.fit(starts, COMPARISON.max_rounds), key=lambda one: one.cost)
 
 
 def reference_fits_with_one_more(search: Search, not_in_balance: list[Effect]) -> Iterator[Fit]:

@@ -212,7 +212,7 @@ def catalogue_forms(fixed: Flags, beyond: set[tuple[int, float]]) -> list[Flags]
 
 def time_clusters(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     """Cluster (n,) of each row: the rows of one log within cluster_s, or within an eighth of the
-    log where that is shorter: the scatter between one or two clusters says nothing.
+    log where that is shorter: a variance cannot be estimated from one or two clusters.
     """
     numbers, of_log = np.unique(log, return_inverse=True)
     limits = np.array(

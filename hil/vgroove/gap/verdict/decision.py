@@ -127,9 +127,9 @@ def established_part(selection: Selection, covariates: Covariates) -> Establishe
     """
     search = selection.search
     part = known_members(search, established_set(search, selection.best, covariates))
-    if unknown_sizes(search, part):
-        part = search.retuned
     plain, plain_rivals = without_replaceable(selection, part, covariates)
+    if unknown_sizes(search, plain):
+        plain, plain_rivals = search.retuned, []
     other = select_whitened(search) if part.ids else None
     if other is not None:
         found = known_members(other.search, established_set(other.search, other.best, covariates))
@@ -164,13 +164,21 @@ def leanest_established(
     asymmetric one), since this has fewer parameters, and by an established rival whose sizes are
     far more probable by their prior; without members whose size may be 0 in that rival.
     """
-    rivals = established_rivals(selection, part, covariates)
-    for rival in rivals:
-        special = len(rival.ids) == len(part.ids) and contains(part.ids, rival.ids)
-        if special or is_likelier(selection.search, rival, part, covariates):
-            known = known_members(selection.search, rival)
-            return leanest_established(selection, known, covariates)
-    return part, rivals
+    search, taken = selection.search, set()
+    while True:
+        taken.add(key(part.ids))
+        rivals = established_rivals(selection, part, covariates)
+        leaner = (f for f in rivals if takes_place(search, f, part, covariates))
+        found = next((known_members(search, f) for f in leaner), part)
+        if key(found.ids) in taken:
+            return part, rivals
+        part = found
+
+
+def takes_place(search: Search, rival: Fit, part: Fit, covariates: Covariates) -> bool:
+    """Whether a rival of an established set is named in its place (leanest_established())."""
+    special = len(rival.ids) == len(part.ids) and contains(part.ids, rival.ids)
+    return special or is_likelier(search, rival, part, covariates)
 
 
 def is_likelier(search: Search, rival: Fit, part: Fit, covariates: Covariates) -> bool:
@@ -199,7 +207,7 @@ def without_replaceable(
         without = [fit_without(search, part, i) for i in many]
         tried = [f for f in without if f.ids and not closes_larger_part(search, part, f)]
         rest = (without_doubtful(search, f, covariates) for f in sorted(tried, key=search.score))
-        leaner = next((f for f in rest if f.ids), None)
+        leaner = next((known_members(search, f) for f in rest if f.ids), None)
     return part, rivals
 
 
