@@ -49,6 +49,14 @@ class Rig:
         return self.input.get("bus", "modelled") == "measured"
 
     @property
+    def stall_current_a(self) -> float | None:
+        """Current in A that the supply drives through the winding at rest, by the resistance of the
+        winding alone; None without a stated supply.
+        """
+        supply = self.supply.get("voltage_v")
+        return None if supply is None else supply / self.motor["resistance_ohm"]
+
+    @property
     def drive_inertia_kg_m2(self) -> float:
         """Inertia at the motor's shaft, the gearbox's output referred to it, without the load."""
         output = self.gearbox["output_inertia_kg_m2"]

@@ -406,8 +406,8 @@ def test_where_the_simulation_fails_for_want_of_a_weight_alone_it_is_kept(
 def test_where_the_simulation_fails_for_an_effect_that_the_balance_lacks_it_is_kept(
     in_balance: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The command acts late. A balance of torques over few rows cannot show that, however narrow
-    its intervals of the frictions are.
+    """The command acts late, which a torque balance over few rows cannot show, although it gives
+    the frictions narrower confidence intervals.
     """
     late = tool_of("current_a", transport_delay={"delay_s": 0.02})
     log, stated = simulated_log(late, gentle("current_a")), tool_of("current_a")

@@ -21,8 +21,8 @@ from vgroove.log.units_of_columns import TIME_COLUMN
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 BELOW_THOUSAND = re.compile(r"[+-]?\d{1,3}")
 GROUPS = re.compile(r"[+-]?\d{1,3}(?:[.,' \u2009\u202f\xa0\u2019]\d{3})+(?:[.,]\d+)?")
-# Different cells with a separator from which on three digits behind each are no chance: decimals
-# whose zeros at the end are left out have fewer digits in a tenth of the cells
+# fewest different cells with a separator that are judged: of decimals that are written without the
+# zeros at their end, a tenth have fewer than three digits
 MIN_DIFFERENT = 10
 MIN_ROWS_LESS = 5  # by which a column ends before the others
 
@@ -67,7 +67,7 @@ def refuse_thousands(table: Table, k: int, values: np.ndarray) -> None:
             grouped = cell if cell.endswith("0") else grouped
         elif BELOW_THOUSAND.fullmatch(cell):
             whole = True
-        elif cell and cell.lower() != "nan":
+        elif _is_filled(cell):
             return
     if grouped and whole:
         raise VgrooveError(
@@ -117,6 +117,9 @@ def _last(values: np.ndarray) -> int:
 
 
 def _last_filled(cells: Iterable[str]) -> int:
-    return max(
-        (row for row, cell in enumerate(cells) if cell and cell.lower() != "nan"), default=-1
-    )
+    return max((row for row, cell in enumerate(cells) if _is_filled(cell)), default=-1)
+
+
+def _is_filled(cell: str) -> bool:
+    """Whether a cell holds a sample: it is neither empty nor NaN."""
+    return cell.lower() not in ("", "nan")

@@ -126,7 +126,9 @@ def _delimiter(header: str, rows: list[str]) -> str:
 
 
 def _line_of_units(row: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """The units of a row whose first cell is no number: 1,1,1,A may be a sample; empty without."""
+    """The units in a row; empty for a row that holds none, or that begins with a number, since
+    1,1,1,A may be a row of samples.
+    """
     return () if is_number(row[0]) else _units(row, count)
 
 
@@ -173,7 +175,9 @@ def _with_index(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> tuple[s
 
 
 def _are_row_names(cells: list[str]) -> bool:
-    """Whether cells name or count rows: words, dates, or whole numbers that increase."""
+    """Whether the first cells of rows are names or numbers of the rows and no samples: all of them
+    words or dates, or whole numbers that increase.
+    """
     if not any(map(is_number, cells)):
         return True
     whole = [int(cell) for cell in cells if cell.isdecimal()]

@@ -81,10 +81,9 @@ def _read(path: Path, columns: ColumnMap) -> Log:
         warnings.append(f"{path}: line {whole.cut_line}: is left out: {whole.reason}.")
     text = Table(path, dialect, lambda: _text(path))
     _refuse_cells(text, {k: table[n, :count] for n, k in enumerate(known)})
-    if rows.dates:
-        refuse_unit_of_dates(places[TIME_COLUMN], str(path))
     values = dict(zip(places, table[:, :count], strict=True))
     if rows.dates:
+        refuse_unit_of_dates(places[TIME_COLUMN], str(path))
         places = places | {TIME_COLUMN: Place(places[TIME_COLUMN].name, 1.0)}
     found, tick_s = _converted(text, places, values, warnings)
     time_s = in_order(found.pop(TIME_COLUMN), tick_s, warnings, str(path))

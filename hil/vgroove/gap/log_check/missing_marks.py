@@ -7,10 +7,8 @@ import numpy as np
 from vgroove.gap.log_check.finding import Finding
 from vgroove.log import Log
 from vgroove.rig import Rig
+from vgroove.rig_keys import JUDGED_COLUMNS
 from vgroove.units import RPM_PER_RAD_S
-
-# Columns that are compared with the simulation of a rig
-COMPARED = ("current_a", "supply_v", "speed_rpm", "position_rad")
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ def marked_findings(log: Log, rig: Rig | None) -> list[Finding]:
     mark of a missing sample, such as 65535, or the limit of a sensor.
     """
     found = []
-    for name in (name for name in COMPARED if name in log.columns):
+    for name in (name for name in JUDGED_COLUMNS if name in log.columns):
         values = np.asarray(log.columns[name], float)
         size = np.abs(np.nan_to_num(values))
         top, marked = float(size.max(initial=0.0)), size == size.max(initial=0.0)
@@ -68,13 +66,7 @@ def _largest_of_rig(column: str, rig: Rig | None) -> float:
         return np.inf
     sizes = {
         "supply_v": supply,
-        "current_a": stall_current_a(rig),
+        "current_a": rig.stall_current_a,
         "speed_rpm": supply / rig.motor["torque_constant_nm_per_a"] * RPM_PER_RAD_S,
     }
     return sizes[column]
-
-
-def stall_current_a(rig: Rig) -> float | None:
-    """Current in A that the rig's supply drives through the winding; None without a supply."""
-    supply = rig.supply.get("voltage_v")
-    return None if supply is None else supply / rig.motor["resistance_ohm"]

@@ -5,12 +5,12 @@ columns without a value, and a row interval that the rig's log_hz contradicts.
 import numpy as np
 
 from vgroove.gap.log_check.finding import Finding
-from vgroove.gap.log_check.missing_marks import COMPARED, marked_findings, stall_current_a
+from vgroove.gap.log_check.missing_marks import marked_findings
 from vgroove.gap.log_check.wrapped_angle import wrapped_finding
 from vgroove.gap.residual.inputs import COMMAND
 from vgroove.log import COLUMN_UNITS, MEASURED, Log
-from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig
+from vgroove.rig_keys import JUDGED_COLUMNS
 
 # Largest magnitude of a column: a factor of 10 above the largest machine that the ranges of a rig
 # include (rig_keys.py: hundreds of kilowatts, 5 kV), for positions what a log of hours adds up to
@@ -88,10 +88,9 @@ def _voltage_finding(log: Log, rig: Rig) -> list[Finding]:
 
 def _load_finding(log: Log, rig: Rig) -> list[Finding]:
     """A finding on a load torque beyond what the tool can give."""
-    current_a = stall_current_a(rig)
-    if rig.load["kind"] != "torque" or current_a is None:
+    if rig.load["kind"] != "torque" or rig.stall_current_a is None:
         return []
-    stall = rig.motor["torque_constant_nm_per_a"] * rig.gearbox["ratio"] * current_a
+    stall = rig.motor["torque_constant_nm_per_a"] * rig.gearbox["ratio"] * rig.stall_current_a
     return _beyond_rig(log, "load_nm", stall, f"stall torque at the output ({stall:.3g} Nm)")
 
 
@@ -118,7 +117,7 @@ def _empty_findings(log: Log, rig: Rig | None) -> list[Finding]:
         "name and its logger, or leave the column out"
     )
     given = rig is not None
-    compared = [name for name in COMPARED if given and name != rig.input["kind"]]
+    compared = [name for name in JUDGED_COLUMNS if given and name != rig.input["kind"]]
     return [Finding(text.format(name), refuses=name in compared) for name in empty]
 
 
@@ -154,10 +153,12 @@ def rate_finding(log: Log, rig: Rig) -> list[Finding]:
 
 
 def _too_fast(interval_s: float) -> list[Finding]:
-    """The finding on rows that follow each other faster than those of any logger."""
-    units = [unit for size, unit in TIME_UNITS.items() if size < 1.0]
-    units = [u for u in units if unit_factor(u, "time_s") * interval_s >= LEAST_INTERVAL_S]
-    named = [f'in {unit} (--map "time_s:{unit}=time_s")' for unit in units]
+    """The finding on a row interval that is shorter than that of any logger."""
+    named = [
+        f'in {unit} (--map "time_s:{unit}=time_s")'
+        for size, unit in TIME_UNITS.items()
+        if size < 1.0 and interval_s / size >= LEAST_INTERVAL_S
+    ]
     text = (
         f"column time_s: the median interval of the rows is {interval_s:.4g} s, less than that of "
         f"any logger ({MIN_INTERVAL_S:g} s): are the times {' or '.join(named)}?"

@@ -30,12 +30,14 @@ WRAP = WrapRules()
 
 def wrapped_finding(log: Log) -> list[Finding]:
     """A finding on a position that jumps back by its whole range: an angle within one turn."""
-    values = np.asarray(log.columns.get("position_rad", ()), float)
-    known = np.isfinite(values)
-    values, time_s = values[known], np.asarray(log.time_s, float)[: len(known)][known]
-    reach = float(np.ptp(values)) if len(values) else 0.0
-    if len(values) < WRAP.min_rows or reach < WRAP.min_range_rad:
+    if "position_rad" not in log.columns:
         return []
+    values = np.asarray(log.columns["position_rad"], float)
+    known = np.isfinite(values)
+    values, time_s = values[known], np.asarray(log.time_s, float)[known]
+    if len(values) < WRAP.min_rows or np.ptp(values) < WRAP.min_range_rad:
+        return []
+    reach = float(np.ptp(values))
     jumps = _calm_jumps(values, reach)
     count, opposed = np.count_nonzero(jumps), _opposes_motion(jumps, values, time_s)
     if count < WRAP.min_jumps and not opposed:
@@ -58,8 +60,8 @@ def _calm_jumps(values: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _opposes_motion(jumps: np.ndarray, values: np.ndarray, time_s: np.ndarray) -> bool:
-    """Whether one of the jumps (rows - 1,) is against the motion before it and after it, and spans
-    no gap.
+    """Whether the position turns one way before and after a jump, and jumps the other way. jumps
+    (rows - 1,): the steps between rows that are jumps; those over a gap of the log do not count.
     """
     intervals = np.diff(time_s)
     jumps = jumps & (intervals <= WRAP.max_gap * np.median(intervals))

@@ -124,9 +124,9 @@ def refit_at_wider_bounds(search: Search) -> None:
 
 
 def leaves_bound(one: Fit, wider: Hypothesis) -> bool:
-    """Whether a number that ends at a bound of the search does not within the bounds of a wider
-    hypothesis. It still does where a bound of practice (widest_low, widest_high of the catalogue)
-    stops the widening.
+    """Whether a number of a fit lies at a bound of the search and inside the bounds of a hypothesis
+    that was widened. It stays at its bound where a limit in practice (widest_low, widest_high of
+    the catalogue) stops the widening.
     """
     pairs = zip(one.hypothesis.coordinates, wider.coordinates, one.x, strict=True)
     return any(
