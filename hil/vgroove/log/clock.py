@@ -10,8 +10,8 @@ COUNTER_BITS = (16, 32)
 COUNTERS_S = {"2^32 us": 2.0**32 * 1e-6, "2^32 ms": 2.0**32 * 1e-3}
 ROUNDING_S = 1e-6  # of stamps since 1970
 PARTS_S = {"second": 1.0, "minute": 60.0, "hour": 3600.0}
-# median intervals that a row may follow the one before the clock's restart; the longest pause
-# between two other rows if that is longer
+# median intervals that a row may follow the one before the clock's restart; if that is longer, the
+# longest pause between two other rows and one interval, since stamps are rounded
 MAX_INTERVALS = 3.0
 MIN_ROUNDED_SHARE = 0.05  # of equal successive times, which then are rounded and not rows twice
 # where milliseconds without leading zeros go back within a second: from .5 ... .9 to .10 ... .19
@@ -54,8 +54,8 @@ def _restarts(time_s: np.ndarray, period_s: float) -> bool:
     if not len(forward) or time_s.min() < 0.0 or time_s.max() >= period_s:
         return False
     onward = steps[steps < 0.0] + period_s
-    rounding_s = 4.0 * np.finfo(float).eps * period_s
-    longest_s = max(MAX_INTERVALS * np.median(forward), forward.max()) + rounding_s
+    rounding_s, usual_s = 4.0 * np.finfo(float).eps * period_s, float(np.median(forward))
+    longest_s = max(MAX_INTERVALS * usual_s, forward.max() + usual_s) + rounding_s
     return bool((onward > 0.0).all() and (onward <= longest_s).all())
 
 
