@@ -488,7 +488,15 @@ def test_the_correction_of_the_subsystem_gains_where_another_of_its_effects_is_a
 
 # --- members ---
 
-RULES = ("significant", "keeps_size", "loses_little", "complete", "constant", "inside_bounds")
+RULES = (
+    "significant",
+    "keeps_size",
+    "needs_its_period",
+    "loses_little",
+    "complete",
+    "constant",
+    "inside_bounds",
+)
 
 
 def test_a_true_effect_is_established_and_an_imitation_is_not() -> None:
@@ -502,8 +510,8 @@ def test_a_true_effect_is_established_and_an_imitation_is_not() -> None:
         assert named.ids == (("coulomb_friction",) if holds else ())
 
 
-def test_a_rival_needs_a_significant_gain_and_a_kept_size_only() -> None:
-    needed = {"significant", "keeps_size", "inside_bounds"}
+def test_a_rival_needs_a_significant_gain_a_kept_size_and_its_period_only() -> None:
+    needed = {"significant", "keeps_size", "needs_its_period", "inside_bounds"}
     assert member().is_rival
     for rule in RULES:
         assert member(without=rule).is_rival is (rule not in needed)

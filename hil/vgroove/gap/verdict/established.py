@@ -14,7 +14,7 @@ from vgroove.gap.selection.forward import grow, leaves_established_share
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import difference_interval
 from vgroove.gap.selection.search_state import COMPARISON, Search, ends_at_bound, key
-from vgroove.gap.verdict import consistency
+from vgroove.gap.verdict import consistency, other_periods
 from vgroove.gap.verdict.consistency import LIMITS
 from vgroove.gap.verdict.covariates import Covariates
 
@@ -109,10 +109,17 @@ class Member:
         """Whether no number of it ends at a bound of the search."""
         return not ends_at_bound(self.best, self.id)
 
+    @cached_property
+    def needs_its_period(self) -> bool:
+        """Whether a torque of any other period would close clearly less than it."""
+        return other_periods.needs_its_period(
+            self.search, self.best, self.id, self.without, self.gain
+        )
+
     @property
     def is_rival(self) -> bool:
         """Whether it may be present instead of an established one."""
-        return self.inside_bounds and self.significant and self.keeps_size
+        return self.inside_bounds and self.significant and self.keeps_size and self.needs_its_period
 
     @property
     def established(self) -> bool:

@@ -1,0 +1,81 @@
+"""Whether a periodic effect needs its own period: of a remainder that only drifts with the angle, a
+torque of any other period closes about as much (docs/spec/gap.md, section 5).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgroove.gap.catalogue import PERIODIC, Effect
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.selection.candidate_sets import fit_without
+from vgroove.gap.selection.extension import differentiate_added, starts_beside
+from vgroove.gap.selection.search_state import Search
+from vgroove.gap.selection.single_effects import STARTS
+from vgroove.gap.verdict.consistency import further_gain
+
+
+@dataclass(frozen=True)
+class OtherPeriods:
+    """The other periods that are tried, and the largest gain of one that leaves the member
+    established. Chosen on tuning cases of the blind set and on measured logs (docs/gap_bench.md).
+    """
+
+    count: int = 12  # of more and of fewer periods each, in equal ratios
+    largest_ratio: float = 4.0  # of the member's number of periods
+    max_gain: float = 0.5  # of one of them, as a share of the member's gain
+
+
+OTHER = OtherPeriods()
+
+
+def needs_its_period(search: Search, best: Fit, effect_id: str, without: Fit, gain: float) -> bool:
+    """Whether a torque of no other period closes more than OTHER.max_gain of the squared gap that a
+    member gains. without: the set fitted without it. True for effects without a period, and where
+    the log tells no other period apart.
+    """
+    ripple = fitted_ripple(search)
+    if effect_id not in PERIODIC or ripple is None:
+        return True
+    counts = other_counts(own_count(search, best, effect_id), search.engine.scales.turns)
+    beside = fit_without(search, without, ripple.id) if ripple.id in without.ids else without
+    limit = OTHER.max_gain * gain
+    return all(
+        further_gain(search, without, one.columns) <= limit
+        for one in differentiate_added(search, beside, ripples(search, beside, ripple, counts))
+    )
+
+
+def fitted_ripple(search: Search) -> Effect | None:
+    """The periodic effect whose number of periods is fitted, None where the logs cannot show it."""
+    return next((e for e in search.effects if e.periodic and e.periodic.is_fitted), None)
+
+
+def own_count(search: Search, best: Fit, effect_id: str) -> float:
+    """Periods a motor turn of a member of a set."""
+    theta = best.theta(search.problem.theta0)
+    return PERIODIC[effect_id].periods_per_rev(
+        lambda name: float(theta[search.problem.index(f"effects.{effect_id}.{name}")]),
+        search.problem.rig.gearbox["ratio"],
+    )
+
+
+def other_counts(own: float, turns: float) -> np.ndarray:
+    """Numbers of periods a motor turn (k,) around `own` that a log of so many turns tells apart
+    from it: they differ by a period or more over the log.
+    """
+    ratios = np.geomspace(1.0, OTHER.largest_ratio, OTHER.count + 1)[1:]
+    counts = own * np.concatenate([1.0 / ratios[::-1], ratios])
+    return counts[np.abs(counts - own) * turns >= 1.0]
+
+
+def ripples(search: Search, beside: Fit, ripple: Effect, counts: np.ndarray) -> list[Hypothesis]:
+    """A ripple of nearly zero amplitude beside a fit, for each number of periods a motor turn."""
+    (h, *_) = starts_beside(search, beside, ripple, restart=True)
+    periods = f"effects.{ripple.id}.{ripple.periodic.periods}"
+    own = range(beside.hypothesis.count, h.count)
+    starts = np.repeat(h.start[None, :], len(counts), axis=0)
+    for k in own:
+        c = h.coordinates[k]
+        starts[:, k] = counts / c.factors[0] if c.name == periods else STARTS.tiny_ripple
+    return [replace(h, start=start) for start in starts]
