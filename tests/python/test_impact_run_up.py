@@ -34,6 +34,8 @@ from vgroove.gap.residual.impact.unknowns import (
 )
 from vgroove.gap.residual.loading import load_problem
 from vgroove.log import Log
+from vgroove.reference.joints import REFERENCE_JOINTS
+from vgroove.reference.rigs import with_load
 
 SECONDS, TOLERANCE_RAD = 1.2, 0.02
 
@@ -108,7 +110,8 @@ def test_a_stated_start_angle_is_not_searched() -> None:
 
 @pytest.mark.parametrize("cut", [150, 400])
 def test_a_log_that_begins_in_motion_has_no_run_up(cut: int) -> None:
-    rig = impact_rig()
+    """The joint does not turn: a log of one that does is refused once the tool hammers."""
+    rig = with_load(impact_rig(), REFERENCE_JOINTS["locked"].load)
     whole = plant_log(rig, {}, 4, step(0.9))
     columns = {name: values[cut:] for name, values in whole.columns.items()}
     problem = load_problem([Log(whole.time_s[cut:], columns, "cut")], rig)

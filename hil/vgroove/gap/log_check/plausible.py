@@ -34,6 +34,7 @@ TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1 / 60: "min", 1 / 3600: "h", 1 /
 MIN_INTERVAL_S = 1e-6  # of a logger: log_hz is at most 1e6
 LEAST_INTERVAL_S = MIN_INTERVAL_S * (1.0 - 1e-3)  # that is no less: rounding of the stamps
 TIME_TOLERANCE = 0.5
+MIN_BLOWS = 8  # that a firmware counts in a tool that hammers; fewer may be ripples of the current
 
 
 def plausibility_findings(log: Log, rig: Rig | None = None) -> list[Finding]:
@@ -56,6 +57,7 @@ def plausibility_findings(log: Log, rig: Rig | None = None) -> list[Finding]:
         *wrapped_finding(log),
         *marked_findings(log, rig),
         *_empty_findings(log, rig),
+        *(_blow_findings(log, rig) if rig is not None else ()),
     ]
 
 
@@ -119,6 +121,17 @@ def _empty_findings(log: Log, rig: Rig | None) -> list[Finding]:
     given = rig is not None
     compared = [name for name in JUDGED_COLUMNS if given and name != rig.input["kind"]]
     return [Finding(text.format(name), refuses=name in compared) for name in empty]
+
+
+def _blow_findings(log: Log, rig: Rig) -> list[Finding]:
+    """A finding on a log in which the firmware counted blows, for a rig without a mechanism."""
+    if rig.mechanism["kind"] != "none" or "blow_count" not in log.columns:
+        return []
+    count = np.nanmax(log.columns["blow_count"], initial=0.0)
+    if count < MIN_BLOWS:
+        return []
+    text = f'column blow_count: reaches {count:.0f}: the tool hammers, but mechanism.kind is "none"'
+    return [Finding(f"{text}: is the rig that of another tool?", refuses=True)]
 
 
 def _largest(log: Log) -> dict[str, float]:

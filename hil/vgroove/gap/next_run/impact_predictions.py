@@ -72,7 +72,7 @@ def _recorded(
         log.time_s, rig.input["kind"], log.columns[rig.input["kind"]], load_kind=rig.load["kind"]
     )
     rows = _core.simulate_impact(drive, theta, mode=MODE)
-    shown = model_columns(replace(run, log=log), rows)
+    shown = model_columns(replace(run, log=log, fills={}), rows)
     columns = {name: values[0] for name, values in shown.items()}
     columns |= {name: rows[name][0] for name in profile.channels}
     return replace(log, columns=log.columns | columns)

@@ -214,17 +214,22 @@ def shown_effects(problem: Problem, without: frozenset[str]) -> list[Effect]:
     ]
     if problem.rig.mechanism["kind"] != "impact":
         return effects
-    load, several = problem.rig.load["kind"], len(problem.logs) > 1
-    return [e for e in effects if not (e.periodic and several) and (not e.loads or load in e.loads)]
+    kinds, several = problem.load_kinds, len(problem.logs) > 1
+    return [
+        e
+        for e in effects
+        if not (e.periodic and several) and (not e.loads or kinds.intersection(e.loads))
+    ]
 
 
 def has_range(effect: Effect, scales: Scales) -> bool:
-    """Whether every parameter of an effect has a lower bound below its upper bound. The upper
-    bounds of a number of periods and of a stiffness depend on the interval between rows; where one
-    lies below the lower bound, the log cannot show the effect.
+    """Whether every parameter of an effect has a typical size, and a lower bound below its upper
+    bound. The size of a knot is 0 where the joint takes up no torque. The upper bounds of a number
+    of periods and of a stiffness depend on the interval between rows; where one lies below the
+    lower bound, the log cannot show the effect.
     """
     parameters = effect.of_tool(scales).parameters
-    return all(p.low(scales) < p.high(scales) for p in parameters)
+    return all(p.size(scales) > 0.0 and p.low(scales) < p.high(scales) for p in parameters)
 
 
 def repeats(effect: Effect, scales: Scales) -> bool:

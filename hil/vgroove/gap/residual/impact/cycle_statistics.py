@@ -71,13 +71,15 @@ def statistic_parts(columns: Sequence[str], reference: str) -> tuple[StatisticPa
 @dataclass(frozen=True)
 class CycleReader:
     """Turns columns of a log, or of its simulation, into statistics: its windows, its columns with
-    the standard deviation of their noise, the column that gives the phase, and the parts.
+    the standard deviation of their noise, the column that gives the phase, the parts, and the
+    windows (S, W) of each column that lack samples.
     """
 
     windows: CycleWindows
     noise: dict[str, float]
     reference: str
     parts: tuple[StatisticPart, ...]
+    unseen: np.ndarray
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -126,9 +128,12 @@ class CycleReader:
         return np.stack(values, axis=1).reshape(-1, self.windows.count, len(self.parts))
 
     def _turn(self, fit: HarmonicFit) -> np.ndarray:
-        """Unit numbers (N,) that rotate the reference's fundamental to phase 0."""
+        """Unit numbers (N,) that rotate the reference's fundamental to phase 0; nan where the
+        simulation left the range of numbers.
+        """
         first = fit.amplitude[self.columns.index(self.reference), :, 0]
-        return np.conj(first) / np.maximum(np.abs(first), MIN_AMPLITUDE)
+        with np.errstate(invalid="ignore"):
+            return np.conj(first) / np.maximum(np.abs(first), MIN_AMPLITUDE)
 
     def _value(
         self, part: StatisticPart, fit: HarmonicFit, turn: np.ndarray, add_noise: bool
@@ -147,20 +152,33 @@ class CycleReader:
     def variances(self, fit: HarmonicFit) -> np.ndarray:
         """Variances (W, K) of a log's statistics: those that the harmonic fit's remainder gives, in
         proportion to the scatter between the windows, and at least those of the sensors' noise;
-        infinite for what describes a cycle in windows without one.
+        infinite for what describes a cycle in windows without one, and where samples are missing.
         """
         noise = np.array(list(self.noise.values()))[:, None]
-        least = self.noise_variances(fit)
+        least, unseen = self.noise_variances(fit), self._unseen_parts()
         left = self._variances(fit, np.maximum(fit.scatter, noise) ** 2)
-        values = self.statistics(fit, False)[0]
-        ratio = scatter_between_windows(values) / np.median(left, axis=0)
+        values = np.where(unseen, np.nan, self.statistics(fit, False)[0])
+        ratio = scatter_between_windows(values) / median_of_known(np.where(unseen, np.nan, left))
         # values at the rows' ends, whose place in the cycle may be the same in all windows
         sampled = np.array([part.column in SAMPLED for part in self.parts])
         ratio = np.where(sampled, np.maximum(ratio, 1.0), ratio)
         found = np.maximum(left * ratio, least)
         of_cycle = np.array([part.kind not in (LEVEL, RISE) for part in self.parts])
         found[np.ix_(~self.windows.periodic, of_cycle)] = np.inf
+        found[unseen] = np.inf
         return found
+
+    def _unseen_parts(self) -> np.ndarray:
+        """Statistics (W, K) that a window cannot have, because its column lacks samples there; the
+        period is known as long as one reference has all, a shape only beside its own reference.
+        """
+        of = dict(zip(self.columns, self.unseen, strict=True))
+        period = np.logical_and.reduce([of[name] for name in REFERENCES if name in of])
+        found = []
+        for part in self.parts:
+            missing = period if part.kind == PERIOD else of[part.column]
+            found.append(missing | of[self.reference] if part.kind == SHAPE else missing)
+        return np.stack(found, axis=1)
 
     def noise_variances(self, fit: HarmonicFit) -> np.ndarray:
         """Variances (W, K) of a log's statistics that white noise of the columns gives."""
@@ -222,8 +240,14 @@ def is_periodic(fit: HarmonicFit, reference: int, windows: CycleWindows) -> np.n
 
 
 def scatter_between_windows(values: np.ndarray) -> np.ndarray:
-    """Variance (K,) of statistics (W, K) between neighbouring windows, robustly from second
-    differences, which a trend along the joint does not enter.
+    """Variance (K,) of statistics (W, K), nan where unknown, between neighbouring windows,
+    robustly from second differences, which a trend along the joint does not enter.
     """
     second = values[:-2] - 2.0 * values[1:-1] + values[2:]
-    return (MAD_TO_SIGMA * np.median(np.abs(second), axis=0)) ** 2 / 6.0
+    return (MAD_TO_SIGMA * median_of_known(np.abs(second))) ** 2 / 6.0
+
+
+def median_of_known(values: np.ndarray) -> np.ndarray:
+    """Median (K,) over the first axis of values (m, K) that are not nan; 1 where all are."""
+    known = np.isfinite(values).any(axis=0)
+    return np.nanmedian(np.where(known, values, 1.0), axis=0)

@@ -49,6 +49,11 @@ class CycleWindows:
         """Row (W,) at the centre of each window."""
         return self.first + self.rows // 2
 
+    @property
+    def cycle_rows(self) -> int:
+        """Usual number of rows of a cycle."""
+        return round(self.rows / RULES.cycles)
+
     def cut(self, values: np.ndarray) -> np.ndarray:
         """Values (..., rows of the log) as windows (..., W, L)."""
         return values[..., self.first[:, None] + np.arange(self.rows)]

@@ -3,7 +3,7 @@ their measured statistics with standard deviations.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from vgroove.gap.cleaning.missing_values import (
 from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS, high_frequency_sigma
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
-from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.clean_log import CleanLog, clean_log
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.impact.cycle_statistics import (
     NOISE_LEFT,
@@ -31,8 +31,20 @@ from vgroove.gap.residual.impact.cycle_statistics import (
     statistic_parts,
 )
 from vgroove.gap.residual.impact.cycle_windows import RULES, CycleWindows, cut_windows
+from vgroove.gap.residual.impact.missing_rows import (
+    Fill,
+    fills_of,
+    unseen_spans,
+    unseen_windows,
+    with_even_rows,
+)
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.run_up import RunUp, run_up_spans
+from vgroove.gap.residual.impact.unusable import (
+    refuse_begun_hammering,
+    warn_of_constant,
+    without_failed_speed,
+)
 from vgroove.gap.residual.inputs import DrivingColumns, read_input
 from vgroove.rig import Rig
 
@@ -70,7 +82,7 @@ class ImpactRun:
     their standard deviations, infinite for those that are not judged; nuisance: how the judged ones
     respond to what no log tells; search: of the start angle of the hammer (None: no run-up);
     pulses: edges a turn of a Hall sensor (0: the speed is not made from edges); timeout_s: after
-    which it reads 0.
+    which it reads 0; fills: of the columns with missing samples, which a simulation must lack too.
     """
 
     log: Any
@@ -87,6 +99,7 @@ class ImpactRun:
     nuisance: NuisanceDirections | None = None
     search: StartSearch | None = None
     edge_scale: float = 1.0  # of the edge speeds against the time stamps; not estimated here
+    fills: Mapping[str, Fill] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -151,24 +164,26 @@ class ImpactRun:
         return found if self.nuisance is None else self.nuisance.whitened(found)
 
 
+def clean_impact_log(log: Any, rig: Rig) -> CleanLog:
+    """A log of a hammering tool (time_s, columns, source, warnings) with even rows, cleaned."""
+    return clean_log(with_even_rows(log, rig.input["kind"]), rig)
+
+
 def prepare_impact_run(clean: CleanLog) -> ImpactRun:
     """The run-up and the statistics of the impact cycles of a cleaned log; VgrooveError where the
     log holds nothing that can be compared with the simulation.
     """
-    rig = clean.rig
     drive = read_input(clean).columns
-    values = judged_columns(clean)
-    if not {"current_a", "speed_rpm"} & set(values):
-        raise VgrooveError(
-            f"{clean.source}: nothing to judge: the log of an impact tool needs a column "
-            "current_a or speed_rpm"
-        )
-    noise = {name: column_noise(clean, name, values[name]) for name in values}
-    windows = windows_of(clean, drive.command, values, noise)
-    pulses = rig.sensors.get("hall_pulses_per_rev", 0)
+    values, reader = read_cycles(clean, drive.command)
+    refuse_begun_hammering(clean, reader.windows, drive.command)
+    known = without_failed_speed(clean, reader, values)
+    if known is not clean:
+        clean = known
+        values, reader = read_cycles(clean, drive.command)
+    warn_of_constant(clean, values)
+    pulses = clean.rig.sensors.get("hall_pulses_per_rev", 0)
     pulses = pulses if 0 < pulses < MIN_COUNTING_PULSES else 0
-    reader = reader_of(rig, windows, values, noise)
-    at_rest = begins_at_rest(values, noise)
+    at_rest = begins_at_rest(values, reader.noise)
     run_up = run_up_spans(reader.windows, drive.command, tuple(values), pulses, at_rest)
     run = ImpactRun(
         clean.log,
@@ -180,11 +195,28 @@ def prepare_impact_run(clean: CleanLog) -> ImpactRun:
         NONE,
         cut_blocks(clean.time_s, np.inf),
         pulses,
-        rig.sensors.get("hall_timeout_s", np.inf),
+        clean.rig.sensors.get("hall_timeout_s", np.inf),
         tuple(clean.warnings),
+        fills=fills_of(clean.time_s, {name: clean.columns[name] for name in values}),
     )
     columns = {name: column[None] for name, column in values.items()}
     return replace(run, measured=run.read(columns, False)[0], sigma=own_sigma(run, columns))
+
+
+def read_cycles(clean: CleanLog, command: np.ndarray) -> tuple[dict[str, np.ndarray], CycleReader]:
+    """The judged columns (rows,) of a log, missing samples interpolated, and the reader of their
+    cycles; VgrooveError where there are none.
+    """
+    values = judged_columns(clean)
+    if not {"current_a", "speed_rpm"} & set(values):
+        raise VgrooveError(
+            f"{clean.source}: nothing to judge: the log of an impact tool needs a column "
+            "current_a or speed_rpm"
+        )
+    noise = {name: column_noise(clean, name, values[name]) for name in values}
+    windows = windows_of(clean, command, values, noise)
+    unseen = np.stack([unseen_windows(windows, clean.columns[name]) for name in values])
+    return values, reader_of(clean, windows, values, noise, unseen)
 
 
 def begins_at_rest(values: Mapping[str, np.ndarray], noise: Mapping[str, float]) -> bool:
@@ -196,14 +228,25 @@ def begins_at_rest(values: Mapping[str, np.ndarray], noise: Mapping[str, float])
 
 def own_sigma(run: ImpactRun, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Standard deviations (n,) of a log's statistics from its own columns (1, rows): scatter and
-    noise; infinite for windows that spans replace.
+    noise; infinite for windows that spans replace, and where samples are missing in the log.
     """
     reader, run_up = run.reader, run.run_up
     variance = reader.variances(reader.fit(columns))
     replaced = run.windows.first + 1 < run_up.end_row
     variance[replaced] = np.inf
     spans = run_up.sigma(run_up.means(columns)[0], reader.noise)
+    spans[unseen_in_run_up(run)] = np.inf
     return np.concatenate([np.sqrt(variance).T.ravel(), spans.ravel()])
+
+
+def unseen_in_run_up(run: ImpactRun) -> np.ndarray:
+    """Spans (C, M) of the run-up in which a column lacks samples, and all after one in which every
+    column does: rows are missing there, and what the command did in them is not known.
+    """
+    run_up, cycle = run.run_up, run.windows.cycle_rows
+    columns = [run.log.columns[name] for name in run_up.columns]
+    unseen = np.stack([unseen_spans(run_up.first, run_up.rows, cycle, c) for c in columns])
+    return unseen | np.logical_or.accumulate(unseen.all(axis=0))
 
 
 def white_sigma(run: ImpactRun) -> np.ndarray:
@@ -246,29 +289,45 @@ def windows_of(
     windows = cut_windows(signals, weight, row_s, driven)
     if windows is None:
         raise VgrooveError(
-            f"{log.source}: too short to judge: a log of an impact tool needs at least "
-            f"{RULES.min_windows} windows of {RULES.cycles:g} blows under command"
+            f"{log.source}: too short to judge: {np.count_nonzero(driven)} rows under command, one "
+            f"every {1e3 * row_s:.3g} ms. A log of an impact tool needs at least "
+            f"{RULES.min_windows} windows, each of {RULES.cycles:g} blows and {RULES.min_rows} rows"
         )
     return windows
 
 
 def reader_of(
-    rig: Rig, windows: CycleWindows, values: dict[str, np.ndarray], noise: dict[str, float]
+    log: CleanLog,
+    windows: CycleWindows,
+    values: dict[str, np.ndarray],
+    noise: dict[str, float],
+    unseen: np.ndarray,
 ) -> CycleReader:
-    """The reader whose phase comes from the column with the clearest fundamental."""
+    """The reader whose phase comes from the column with the clearest fundamental; unseen (S, W):
+    windows of each column that lack samples.
+    """
     names = tuple(values)
-    trial = CycleReader(windows, noise, names[0], ())
+    trial = CycleReader(windows, noise, names[0], (), unseen)
     fit = trial.fit({name: column[None] for name, column in values.items()})
-    left = dict(zip(names, np.median(fit.scatter, axis=1), strict=True))
+    scatter = np.where(unseen, np.nan, fit.scatter)
+    scatter[scatter == 0.0] = np.nan
     clear = {
-        name: float(np.median(np.abs(fit.amplitude[names.index(name), :, 0]) / left[name]))
-        for name in REFERENCES
-        if name in names and left[name] > 0.0
+        name: float(np.nanmedian(np.abs(fit.amplitude[k, :, 0]) / scatter[k]))
+        for k, name in enumerate(names)
+        if name in REFERENCES and np.isfinite(scatter[k]).any()
     }
+    if not clear:
+        raise VgrooveError(
+            f"{log.source}: nothing to judge: {' and '.join(n for n in REFERENCES if n in names)} "
+            "never change or lack too many samples"
+        )
     reference = max(clear, key=lambda n: clear[n])
-    windows = replace(windows, periodic=is_periodic(fit, names.index(reference), windows))
-    noise = noise_of_cycles(rig, noise, names, fit.scatter[:, windows.periodic])
-    return CycleReader(windows, noise, reference, statistic_parts(names, reference))
+    found = {name: is_periodic(fit, names.index(name), windows) for name in clear}
+    other = np.logical_or.reduce([found[name] for name in clear])
+    periodic = np.where(unseen[names.index(reference)], other, found[reference])
+    windows = replace(windows, periodic=periodic)
+    noise = noise_of_cycles(log.rig, noise, names, scatter[:, windows.periodic])
+    return CycleReader(windows, noise, reference, statistic_parts(names, reference), unseen)
 
 
 def noise_of_cycles(
@@ -276,13 +335,11 @@ def noise_of_cycles(
 ) -> dict[str, float]:
     """Standard deviation of the noise of each column. One that the rig does not state was estimated
     from the high frequencies of the log, which the impact cycle has as well; it is therefore
-    limited to the scatter (S, W) that the harmonic fit leaves.
+    limited to the scatter (S, W) that the harmonic fit leaves, nan where it is not known.
     """
-    if not scatter.size:
-        return noise
-    left = dict(zip(names, np.median(scatter, axis=1) / NOISE_LEFT, strict=True))
     stated = {name for name in names if NOISE_KEYS.get(name) in rig.sensors}
-    return {
-        name: sigma if name in stated else max(MIN_SIGMA, min(sigma, float(left[name])))
-        for name, sigma in noise.items()
-    }
+    found = dict(noise)
+    for name, left in zip(names, scatter, strict=True):
+        if name not in stated and np.isfinite(left).any():
+            found[name] = max(MIN_SIGMA, min(noise[name], float(np.nanmedian(left)) / NOISE_LEFT))
+    return found

@@ -10,9 +10,14 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue.statistics import PERIOD, RUN_UP, SHAPE
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
-from vgroove.gap.residual.clean_log import clean_log, with_common_noise
+from vgroove.gap.residual.clean_log import with_common_noise
 from vgroove.gap.residual.impact.cycle_statistics import StatisticPart
-from vgroove.gap.residual.impact.impact_run import PLACES, ImpactRun, prepare_impact_run
+from vgroove.gap.residual.impact.impact_run import (
+    PLACES,
+    ImpactRun,
+    clean_impact_log,
+    prepare_impact_run,
+)
 from vgroove.gap.residual.impact.problem import OF_LOG, ImpactProblem, OwnValue
 from vgroove.gap.residual.impact.roll_outs import MODE, PARAMETERS
 from vgroove.gap.residual.impact.start_angle import START
@@ -33,7 +38,7 @@ def load_impact_problem(
     """
     tools = list(joints) or [rig] * len(logs)
     runs, starts, nominal = [], [], []
-    cleaned = with_common_noise([clean_log(*pair) for pair in zip(logs, tools, strict=True)])
+    cleaned = with_common_noise([clean_impact_log(*pair) for pair in zip(logs, tools, strict=True)])
     for log, tool in zip(cleaned, tools, strict=True):
         run = prepare_impact_run(log)
         nominal.append(_nominal(run, tool.parameters()))
@@ -48,6 +53,7 @@ def load_impact_problem(
         theta0=np.concatenate([rig.parameters(), values]),
         own=tuple(tuple(one for one, _ in log_values) for log_values in own),
         starts=tuple(each[1:] for each in starts),
+        load_kinds=frozenset(tool.load["kind"] for tool in tools),
         head_rad=max(float(np.ptp(rows["head_rad"])) for rows in nominal),
         joint_nm=max(float(np.max(rows["anvil_torque_nm"])) for rows in nominal),
     )

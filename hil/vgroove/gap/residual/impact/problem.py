@@ -44,11 +44,13 @@ class OwnValue:
 @dataclass(frozen=True)
 class ImpactProblem(Problem):
     """Cycle statistics of logs as a measured problem. own: of each log its own values; starts: of
-    each log further start angles in rad that its end depends on.
+    each log further start angles in rad that its end depends on; load_kinds: kinds of the joints of
+    all logs.
     """
 
     own: tuple[tuple[OwnValue, ...], ...] = ()
     starts: tuple[np.ndarray, ...] = ()
+    load_kinds: frozenset[str] = frozenset()
 
     portion: ClassVar[PortionLimits] = PortionLimits(sets=8)
     # impacts amplify small changes: slopes over short steps are those of single blows

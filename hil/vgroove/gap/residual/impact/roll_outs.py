@@ -68,7 +68,9 @@ def simulate(
 
 
 def model_columns(run: ImpactRun, rows: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The judged columns (B, rows) as the tool's sensors would log the simulated ones."""
+    """The judged columns (B, rows) as the tool's sensors would log the simulated ones, with what is
+    missing in the log filled as there.
+    """
     found = {}
     for name in run.reader.columns:
         if name != "speed_rpm":
@@ -80,4 +82,4 @@ def model_columns(run: ImpactRun, rows: dict[str, np.ndarray]) -> dict[str, np.n
             found[name] = RPM_PER_RAD_S * reading
         else:
             found[name] = RPM_PER_RAD_S * rows["speed_measured_rad_s"]
-    return found
+    return found | {name: fill.filled(found[name]) for name, fill in run.fills.items()}

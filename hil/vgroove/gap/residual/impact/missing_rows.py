@@ -1,0 +1,126 @@
+"""Missing samples of a hammering tool's log: short ones are interpolated in log and simulation
+alike; statistics of windows with longer ones are not judged.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgroove.errors import VgrooveError
+from vgroove.gap.cleaning.missing_values import hold_last_value
+from vgroove.gap.residual.immutable import freeze_arrays
+from vgroove.gap.residual.impact.cycle_windows import CycleWindows
+from vgroove.log import Log
+
+# part of a cycle that a straight line may replace: the highest harmonics of the cycle's shape would
+# change more over a longer one
+LONGEST_PART = 0.125
+MOST_GROWTH = 10.0  # inserted rows, as a multiple of a log's rows
+
+
+@dataclass(frozen=True)
+class Fill:
+    """Rows (k,) of a column without a value, the rows before and after with one, and the weight
+    (k,) of the latter on the straight line between them.
+    """
+
+    rows: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    weight: np.ndarray
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def filled(self, values: np.ndarray) -> np.ndarray:
+        """Values (B, n) of a simulation with the rows on those lines; n may be less than the rows
+        of the log.
+        """
+        known = self.after < values.shape[1]
+        rows, weight = self.rows[known], self.weight[known]
+        out = values.copy()
+        line = (1.0 - weight) * values[:, self.before[known]]
+        out[:, rows] = line + weight * values[:, self.after[known]]
+        return out
+
+
+def fills_of(time_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, Fill]:
+    """For each column (n,) with missing samples, how they are filled."""
+    return {
+        name: _fill(time_s, np.isfinite(values))
+        for name, values in columns.items()
+        if np.isfinite(values).any() and not np.isfinite(values).all()
+    }
+
+
+def _fill(time_s: np.ndarray, known: np.ndarray) -> Fill:
+    """The straight lines over the rows that are not known (n,); at the ends the nearest value."""
+    places, rows = np.flatnonzero(known), np.flatnonzero(~known)
+    at = np.searchsorted(places, rows)
+    before, after = places[np.maximum(at - 1, 0)], places[np.minimum(at, len(places) - 1)]
+    length_s = time_s[after] - time_s[before]
+    weight = (time_s[rows] - time_s[before]) / np.where(length_s > 0.0, length_s, 1.0)
+    return Fill(rows, before, after, np.clip(weight, 0.0, 1.0))
+
+
+def unseen_windows(windows: CycleWindows, values: np.ndarray) -> np.ndarray:
+    """Windows (W,) in which, or within a cycle beside which, a column (n,) lacks more samples in a
+    row than a straight line may replace.
+    """
+    cycle = windows.cycle_rows
+    return unseen_spans(windows.first - cycle, windows.rows + 2 * cycle, cycle, values)
+
+
+def unseen_spans(first: np.ndarray, rows: int, cycle: int, values: np.ndarray) -> np.ndarray:
+    """Spans (M,) of `rows` rows from the rows `first` on in which a column (n,) lacks more samples
+    in a row than a straight line may replace; cycle: rows of an impact cycle.
+    """
+    long = run_lengths(~np.isfinite(values)) > LONGEST_PART * cycle
+    count = np.concatenate([[0], np.cumsum(long)])
+    low, high = (np.clip(first + k, 0, len(values)) for k in (0, rows))
+    return count[high] > count[low]
+
+
+def run_lengths(mask: np.ndarray) -> np.ndarray:
+    """Length of the run of True in which each row (n,) lies, 0 where it is False."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    out = np.zeros(len(mask), int)
+    for start, end in edges.reshape(-1, 2):
+        out[start:end] = end - start
+    return out
+
+
+def with_even_rows(log: Log, command: str) -> Log:
+    """The log with empty rows, equally spaced, where its time stamps skip some: windows of a
+    hammering log are counted in rows. The column `command` is interpolated, because the model is
+    driven through the pause. VgrooveError for pauses that make the log MOST_GROWTH times as long.
+    """
+    time_s = np.asarray(log.time_s, float)
+    intervals = np.diff(time_s)
+    skipped = np.maximum(np.round(intervals / np.median(intervals)).astype(int) - 1, 0)
+    if not skipped.any():
+        return log
+    if skipped.sum() > MOST_GROWTH * len(time_s):
+        raise VgrooveError(
+            f"{log.source}: {intervals[skipped > 0].sum():.4g} s in all are missing between the "
+            "rows: keep one run of the tool (--from, --to)"
+        )
+    after = np.repeat(np.arange(1, len(time_s)), skipped)
+    number = np.arange(1, len(after) + 1) - np.repeat(np.cumsum(skipped) - skipped, skipped)
+    step_s = np.repeat(intervals / (skipped + 1), skipped)
+    lost_s = time_s[after - 1] + number * step_s
+    columns = {
+        name: np.insert(np.asarray(values, float), after, np.nan)
+        for name, values in log.columns.items()
+    }
+    every_s = np.insert(time_s, after, lost_s)
+    if command in columns:
+        columns[command] = np.interp(every_s, time_s, hold_last_value(log.columns[command]))
+    warning = f"{log.source}: {len(after)} rows are missing; they are inserted without values"
+    return replace(
+        log,
+        time_s=every_s,
+        columns=columns,
+        warnings=[*log.warnings, warning],
+    )

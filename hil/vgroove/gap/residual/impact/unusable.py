@@ -1,0 +1,60 @@
+"""What makes a hammering tool's log, or a column of it, unusable although it has enough impacts."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import scipy.ndimage
+
+from vgroove.errors import VgrooveError
+from vgroove.gap.cleaning.missing_values import hold_last_value
+from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.impact.cycle_statistics import REFERENCES, CycleReader, is_periodic
+from vgroove.gap.residual.impact.cycle_windows import CycleWindows
+
+FIXED = "locked"  # the kind of joint whose head does not turn
+
+
+def refuse_begun_hammering(log: CleanLog, windows: CycleWindows, command: np.ndarray) -> None:
+    """VgrooveError for a log that begins while the tool hammers. command: (rows,)."""
+    if command[0] != 0.0 and windows.periodic[0] and log.rig.load["kind"] != FIXED:
+        raise VgrooveError(
+            f"{log.source}: the first rows show a tool that hammers already; how far the joint is "
+            "tightened there is not known. Begin the log (and --from) before the trigger is pulled"
+        )
+
+
+def warn_of_constant(log: CleanLog, values: Mapping[str, np.ndarray]) -> None:
+    """Warn of a judged column (rows,) that does not change while the command does."""
+    for name, column in values.items():
+        if np.ptp(column) == 0.0 and np.ptp(hold_last_value(log.columns[log.kind])) > 0.0:
+            log.warn(
+                f"the column {name} reads {column[0]:.4g} throughout: is its sensor connected?"
+            )
+
+
+def without_failed_speed(
+    log: CleanLog, reader: CycleReader, values: dict[str, np.ndarray]
+) -> CleanLog:
+    """The log with the rows in which the speed stays 0 through a window in which another column
+    shows blows taken as missing, with a warning: the shaft turns between blows. The same log where
+    there are none.
+    """
+    speed, others = values.get("speed_rpm"), set(REFERENCES) & set(values) - {"speed_rpm"}
+    if speed is None or not others:
+        return log
+    windows, fit = reader.windows, reader.fit({name: c[None] for name, c in values.items()})
+    hammers = [is_periodic(fit, reader.columns.index(name), windows) for name in others]
+    dead = np.logical_or.reduce(hammers) & (windows.cut(speed) == 0.0).all(axis=1)
+    if not dead.any():
+        return log
+    first = windows.first[np.argmax(dead)]
+    zeros, _ = scipy.ndimage.label(speed == 0.0)
+    failed = np.isin(zeros, zeros[windows.first[dead]])
+    columns = log.columns | {"speed_rpm": np.where(failed, np.nan, speed)}
+    known = replace(log, columns=columns, log=replace(log.log, columns=columns))
+    known.warn(
+        f"speed_rpm reads 0 from {log.time_s[first]:.4g} s on, for {np.count_nonzero(dead)} of "
+        f"{windows.count} windows, while the tool hammers: it is taken as missing there"
+    )
+    return known

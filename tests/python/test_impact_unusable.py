@@ -1,0 +1,190 @@
+"""Logs of a hammering tool with missing rows or failed sensors, and those that the diagnosis and
+`vgroove log check` refuse with a sentence.
+"""
+
+import warnings
+from dataclasses import replace
+from itertools import groupby
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from impact_logs import impact_rig, plant_log, ramp
+from vgroove.errors import VgrooveError
+from vgroove.gap.log_check import check_log, checked_logs
+from vgroove.gap.residual.impact.harmonics import fit_harmonics
+from vgroove.gap.residual.impact.missing_rows import fills_of, run_lengths
+from vgroove.gap.residual.impact.problem import ImpactProblem
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.selection.log_content import shown_effects
+from vgroove.log import Log
+from vgroove.reference.joints import REFERENCE_JOINTS
+from vgroove.reference.rigs import with_load
+from vgroove.rig import Rig
+
+HAMMERS_AT_S = 0.5
+
+
+@pytest.fixture(scope="module")
+def whole() -> Log:
+    return plant_log(impact_rig(), {}, 1, ramp(0.9, 1.6))
+
+
+def begun_at(log: Log, time_s: float) -> Log:
+    """The rows of a log from a time on."""
+    kept = log.time_s >= time_s
+    return replace(
+        log, time_s=log.time_s[kept], columns={n: v[kept] for n, v in log.columns.items()}
+    )
+
+
+def nominal_gap(problem: ImpactProblem) -> float:
+    """Gap of the rig as it is."""
+    return problem.gap(problem.residuals(problem.theta0)[0])
+
+
+def refuse(log: Log, rig: Rig, text: str) -> None:
+    """Assert that diagnosis and check refuse a log with the same sentence."""
+    for use in (lambda: load_problem([log], rig), lambda: check_log(log, rig)):
+        with pytest.raises(VgrooveError, match=text):
+            use()
+
+
+@pytest.mark.parametrize("columns", [(), ("speed_rpm",), ("current_a",)])
+@pytest.mark.parametrize("start_s", [HAMMERS_AT_S, 0.55, 0.71, 0.9])
+def test_a_log_that_begins_while_the_tool_hammers_is_refused(
+    whole: Log, start_s: float, columns: tuple[str, ...]
+) -> None:
+    """Of a joint that tightens; the rest of a log is judged."""
+    kept = {n: v for n, v in whole.columns.items() if n not in columns}
+    refuse(begun_at(replace(whole, columns=kept), start_s), impact_rig(), "hammers already")
+
+
+def test_a_log_may_begin_with_the_command(whole: Log) -> None:
+    """A logger that the trigger starts, and a joint whose head does not turn."""
+    first = begun_at(whole, 0.002)
+    assert first.columns["duty"][0] > 0.0
+    assert not check_log(first, impact_rig()).refused
+    locked = with_load(impact_rig(), REFERENCE_JOINTS["locked"].load)
+    log = begun_at(plant_log(locked, {}, 1, ramp(0.9, 1.6)), HAMMERS_AT_S)
+    assert load_problem([log], locked).n > 0
+
+
+@pytest.mark.parametrize("from_s", [0.0, 0.8, 1.2])
+def test_a_speed_that_fails_during_the_impacts_is_taken_as_missing(
+    whole: Log, from_s: float
+) -> None:
+    """The shaft turns between blows. The rest of the log is judged as before."""
+    speed = np.where(whole.time_s < from_s, whole.columns["speed_rpm"], 0.0)
+    failed = replace(whole, columns=whole.columns | {"speed_rpm": speed})
+    problem = load_problem([failed], impact_rig())
+    assert nominal_gap(problem) < 1.2
+    assert any("is taken as missing" in w or "frozen" in w for w in problem.warnings)
+    late = problem.time_s[[problem.signals[k].column == "speed_rpm.level" for k in problem.signal]]
+    assert (late < from_s).all()
+    assert check_log(failed, impact_rig()).findings
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_missing_rows_and_samples_make_no_gap(whole: Log, seed: int) -> None:
+    """Wherever they lie: rows without a stamp, or samples of some columns."""
+    rng = np.random.default_rng(seed)
+    start_s = rng.uniform(0.02, 1.4)
+    missing = (whole.time_s >= start_s) & (whole.time_s < start_s + rng.uniform(0.003, 0.3))
+    if seed % 2:
+        columns = {n: v[~missing] for n, v in whole.columns.items()}
+        log = replace(whole, time_s=whole.time_s[~missing], columns=columns)
+    else:
+        measured = ("current_a", "speed_rpm", "supply_v")
+        some = rng.permutation(measured)[: rng.integers(1, 4)]
+        empty = {n: np.where(missing, np.nan, whole.columns[n]) for n in some}
+        log = replace(whole, columns=whole.columns | empty)
+    problem = load_problem([log], impact_rig())
+    assert nominal_gap(problem) < 1.15
+    assert problem.n > 0.5 * load_problem([whole], impact_rig()).n
+
+
+def test_single_missing_samples_are_interpolated_in_log_and_simulation(whole: Log) -> None:
+    """A tenth of the rows; windows with longer holes, by chance, are left out."""
+    rng = np.random.default_rng(1)
+    columns = {
+        n: np.where((n != "duty") & (rng.random(len(v)) < 0.1), np.nan, v)
+        for n, v in whole.columns.items()
+    }
+    problem = load_problem([replace(whole, columns=columns)], impact_rig())
+    assert nominal_gap(problem) < 1.2
+
+
+def test_a_filled_column_is_that_of_numpy() -> None:
+    time_s = np.array([0.0, 1.0, 2.0, 3.5, 4.0, 5.0])
+    column = np.array([np.nan, 2.0, np.nan, np.nan, 6.0, np.nan])
+    fill = fills_of(time_s, {"a": column, "b": np.ones(6), "c": np.full(6, np.nan)})
+    assert set(fill) == {"a"}
+    other = np.arange(12.0).reshape(2, 6) ** 2
+    known = np.isfinite(column)
+    expected = [np.interp(time_s, time_s[known], row[known]) for row in other]
+    np.testing.assert_allclose(fill["a"].filled(other), expected)
+    np.testing.assert_allclose(fill["a"].filled(other[:, :4])[:, 1:], other[:, 1:4])
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=40))
+def test_the_length_of_a_run_is_counted_in_each_of_its_rows(mask: list[bool]) -> None:
+    runs = [list(group) for _, group in groupby(mask)]
+    expected = [len(run) * value for run in runs for value in run]
+    assert run_lengths(np.array(mask)).tolist() == expected
+
+
+def test_pauses_longer_than_the_log_are_refused(whole: Log) -> None:
+    later = np.where(whole.time_s > 1.0, whole.time_s + 100.0, whole.time_s)
+    refuse(replace(whole, time_s=later), impact_rig(), "keep one run of the tool")
+
+
+def test_a_column_that_never_changes_causes_a_warning(whole: Log) -> None:
+    stuck = replace(whole, columns=whole.columns | {"current_a": np.full(len(whole.time_s), 3.0)})
+    text = "the column current_a reads 3 throughout"
+    assert any(text in warning for warning in load_problem([stuck], impact_rig()).warnings)
+    (found,) = (f for f in check_log(stuck, impact_rig()).findings if text in f.text)
+    assert found.warns and not found.refuses
+
+
+def test_blows_in_the_log_of_a_rig_without_a_mechanism_are_refused(whole: Log) -> None:
+    drive = impact_rig("impact_driver_drive")
+    for count, refused in ((7.0, False), (8.0, True)):
+        blows = count * np.linspace(0.0, 1.0, len(whole.time_s))
+        log = replace(whole, columns=whole.columns | {"blow_count": blows})
+        found = [f for f in check_log(log, drive).findings if "the tool hammers" in f.text]
+        assert bool(found) is refused
+    with pytest.raises(VgrooveError, match="the tool hammers"):
+        checked_logs([log], drive)
+
+
+def test_too_few_rows_are_told_with_their_interval(whole: Log) -> None:
+    slow = replace(
+        whole, time_s=whole.time_s[::10], columns={n: v[::10] for n, v in whole.columns.items()}
+    )
+    refuse(slow, impact_rig(sensors__log_hz=100), "one every 10 ms")
+
+
+def test_a_log_whose_own_joint_turns_freely_is_diagnosed(whole: Log) -> None:
+    """No torque of the joint scales a knot; the effects are those of the logs' joints."""
+    tightened, free = impact_rig(), with_load(impact_rig(), {"kind": "none"})
+    log = plant_log(free, {}, 1, ramp(0.9, 1.6))
+    problem = load_problem([log], tightened, joints=[free])
+    assert not {"wood_knot", "thread_friction"} & {
+        e.id for e in shown_effects(problem, frozenset())
+    }
+    both = load_problem([whole, log], free, joints=[tightened, free])
+    assert "thread_friction" in {e.id for e in shown_effects(both, frozenset())}
+
+
+def test_a_simulation_that_diverges_writes_no_warning() -> None:
+    rng = np.random.default_rng(1)
+    problem = load_problem([plant_log(impact_rig(), {}, 1, ramp(0.9, 1.6))], impact_rig())
+    reader = problem.runs[0].reader
+    found = fit_harmonics(rng.standard_normal((2, 1, 80)), np.ones(2), 1e-3, np.array([30.0]), 4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        left = reader._turn(replace(found, amplitude=np.full_like(found.amplitude, np.inf)))
+    assert np.isnan(left).all()
