@@ -271,11 +271,9 @@ def run(
     injection = parse_injection(fault) if fault else None
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom, injection)
     if scenario_path is None and on not in ("sil", "avr"):
-        from vgroove.board_checks import BoardChecks
-        from vgroove.board_run import chosen_profile, run_on_board
-
-        profile = chosen_profile(experiment, next_path)
-        run_on_board(options, profile, baud, BoardChecks.of(rig, logs or ()))
+        if seed is not None:
+            raise VgrooveError("--seed is of a run of a SCENARIO; a run on a board has none")
+        _perform_run(options, (experiment, next_path), baud, (rig, logs or ()))
         return
     if scenario_path is None or experiment or next_path or rig or logs:
         raise VgrooveError(
@@ -283,6 +281,19 @@ def run(
             "or --next VERDICT.json, with --rig and --log"
         )
     _run_scenario(scenario_path, seed, options)
+
+
+def _perform_run(
+    options: "RunOptions",
+    chosen: tuple[str | None, Path | None],
+    baud: int,
+    checked: tuple[Path | None, Sequence[Path]],
+) -> None:
+    """Perform a run on a board. chosen: its name or its verdict; checked: rig and earlier logs."""
+    from vgroove.board_checks import BoardChecks
+    from vgroove.board_run import chosen_profile, run_on_board
+
+    run_on_board(options, chosen_profile(*chosen), baud, BoardChecks.of(*checked))
 
 
 def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:

@@ -253,6 +253,10 @@ def test_a_port_without_a_board_gives_a_message(tmp_path: Path) -> None:
             ["--on", "/dev/ttyNone", "--next", "none.json", "-o", "log.csv"],
             "none.json: cannot be read",
         ),
+        (
+            ["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv", "--seed", "3"],
+            "a run on a board has none",
+        ),
         (["--on", "avr", "--experiment", "reversal"], "run a SCENARIO"),
         ([], "run a SCENARIO"),
     ],
