@@ -141,7 +141,8 @@ def bench_speed_command(
         int, typer.Option(min=1, help="Length in s of the drivetrain's run, a staircase of duties.")
     ] = 10,
     seed: Annotated[
-        int, typer.Option(help="Seed of the staircase and of the tools of the batch.")
+        int,
+        typer.Option(min=0, help="Seed of the staircase and of the tools of the batch."),
     ] = 1,
     repeats: Annotated[
         int, typer.Option(min=1, help="Timed rounds; the figures are their medians.")
@@ -166,7 +167,7 @@ def bench_speed_command(
 
 @bench_app.command("trap")
 def bench_trap_command(
-    seed: Annotated[int, typer.Option(help="Seed of drive and noise.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of drive and noise.")] = 1,
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write all results as JSON.")
     ] = None,
@@ -199,9 +200,10 @@ def record(
         ),
     ],
     seconds: Annotated[
-        float | None, typer.Option(help="Board time to record; without: until Ctrl-C.")
+        float | None,
+        typer.Option(min=0.001, help="Board time to record in s; without: until Ctrl-C."),
     ] = None,
-    baud: Annotated[int, typer.Option(help="Baud rate of the line.")] = 250_000,
+    baud: Annotated[int, typer.Option(min=1, help="Baud rate of the line.")] = 250_000,
     without_boot: Annotated[
         bool,
         typer.Option(
@@ -260,7 +262,7 @@ def run(
     next_path: NextPath = None,
     rig: CheckRig = None,
     logs: CheckLogs = None,
-    baud: Annotated[int, typer.Option(help="Baud rate of the board's line.")] = 250_000,
+    baud: Annotated[int, typer.Option(min=1, help="Baud rate of the board's line.")] = 250_000,
 ) -> None:
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
     menu on a board (--on PORT).
@@ -329,7 +331,7 @@ def hil(
         Path | None, typer.Option(help="Write the times of every exchange as CSV.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
-    baud: Annotated[int, typer.Option(help="Baud rate of --port.")] = 1_000_000,
+    baud: Annotated[int, typer.Option(min=1, help="Baud rate of --port.")] = 1_000_000,
     kernel_workers: Annotated[
         bool,
         typer.Option(
@@ -600,7 +602,7 @@ def gap_diagnose(
             "--out-rig", help="Write the rig with fitted parameters and selected effects."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     without: Annotated[
         list[str] | None,
         typer.Option(

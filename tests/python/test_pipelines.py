@@ -225,6 +225,7 @@ def test_a_folder_is_a_case_and_a_folder_of_folders_is_several(tmp_path: Path) -
         ("[[case]]\nname = 'a'\nrig = 'r'", "case 1: the key logs is missing"),
         ("[[case]]\nname = 'a'\nlogs = 'l'\nrig = 'r'", "the key logs has a value of the wrong"),
         ("[[case]]\nname = 'a'\nlogs = [1]\nrig = 'r'", "are lists of texts"),
+        ("[[case]]\nname = 'a'\nlogs = ['l']\nrig = 'r'\nseed = -1", "case 1: seed .*, not -1"),
         (2 * "[[case]]\nname = 'a'\nlogs = ['l']\nrig = 'r'\n", "two cases have the name a"),
     ],
 )
@@ -282,6 +283,24 @@ def test_the_length_of_a_simulated_run_can_be_chosen(tmp_path: Path) -> None:
     for wrong in ("0", "nan", "1e9"):
         done = vgroove("sim", scenario, "--seconds", wrong)
         assert done.returncode == 2 and "--seconds must be from 0.01 to 3600" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    [
+        ("gap diagnose a.csv --rig rigs/pendulum.toml", "--seed", "-1"),
+        ("bench trap", "--seed", "-1"),
+        ("bench speed --seconds 1 --repeats 1", "--seed", "-1"),
+        ("run --on /dev/none --experiment reversal -o a.csv", "--baud", "0"),
+        ("hil scenarios/spin_up.toml --port /dev/none", "--baud", "0"),
+        ("record /dev/none -o a.csv", "--baud", "0"),
+        ("record /dev/none -o a.csv", "--seconds", "-1"),
+        ("record /dev/none -o a.csv", "--seconds", "nan"),
+    ],
+)
+def test_a_number_below_its_range_is_refused(command: str, option: str, value: str) -> None:
+    done = vgroove(*command.split(), option, value)
+    assert done.returncode == 2 and f"Invalid value for '{option}'" in done.stderr, done.stderr
 
 
 def test_values_that_no_sensor_gives_are_refused_in_a_sentence(tool: Path, tmp_path: Path) -> None:

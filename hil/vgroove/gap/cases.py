@@ -121,6 +121,8 @@ def _case(entry: dict[str, Any], source: str, folder: Path) -> Case:
             raise VgrooveError(f"{source}: the key {key} is missing")
         if key in entry and not isinstance(entry[key], kind):
             raise VgrooveError(f"{source}: the key {key} has a value of the wrong type")
+    if entry.get("seed", 0) < 0:
+        raise VgrooveError(f"{source}: seed must be 0 or more, not {entry['seed']}")
     texts = [one for key in ("logs", "without", "map") for one in entry.get(key, ())]
     if not all(isinstance(one, str) for one in texts):
         raise VgrooveError(f"{source}: logs, without and map are lists of texts")
