@@ -59,7 +59,7 @@ Joints = Annotated[
         "--joint",
         metavar="FILE",
         help="Impact tool: the joint of a log, a TOML file with the table 'load' alone; given once "
-        "for each log, in their order.",
+        "for each log, in their order. `vgroove sim` without --log: the joint of the run.",
     ),
 ]
 AsIs = Annotated[
@@ -420,21 +420,30 @@ def sim(
 
     if log and output and len(log) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
-    _check_outputs(json_path, output, inputs=[path, *(log or [])])
+    tool = (path, tuple(joint or ()))
+    _check_outputs(json_path, output, inputs=[path, *tool[1], *(log or [])])
     out = result_console(json_path, output)
     if log:
         if seconds is not None:
             raise VgrooveError("--seconds is of a run without --log; use --from and --to with it")
         columns = _columns(maps, map_file)
         options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
-        joints = tuple(joint or ())
-        figures, simulated = _sim_logs((path, joints), log, options, restart_s, out)
+        figures, simulated = _sim_logs(tool, log, options, restart_s, out)
     else:
-        figures, simulated = _sim_scenario(path, seconds, out)
+        given = {"--restart-s": restart_s, "--from": from_s, "--to": to_s, "--map-file": map_file}
+        _refuse_without_log({**given, "--map": maps or None, "--as-is": as_is or None})
+        figures, simulated = _sim_scenario(tool, seconds, out)
     files = [(json_path, json_text(figures, allow_nan=True))] if json_path else []
     if output:
         files.append((output, csv_bytes(simulated())))
     write_all(files)
+
+
+def _refuse_without_log(given: dict[str, Any]) -> None:
+    """VgrooveError for an option of a run with --log; given: value by option, None where absent."""
+    names = [name for name, value in given.items() if value is not None]
+    if names:
+        raise VgrooveError(f"{', '.join(names)}: only a run with --log has this option")
 
 
 def _sim_logs(
@@ -454,6 +463,11 @@ def _sim_logs(
     if restart_s is not None and not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
     rig = read_rig(tool[0])
+    if restart_s is not None and rig.mechanism["kind"] == "impact":
+        raise VgrooveError(
+            "--restart-s: statistics of a hammering tool's cycles are compared, and the model is "
+            "not restarted: leave the option out"
+        )
     options = replace(options, joints=read_joints(tool[1], rig, len(logs)))
     figures, problem = compute_gap(rig, read_logs(logs, rig, options), options, restart_s)
     out.print(gap_table(figures))
@@ -463,12 +477,13 @@ def _sim_logs(
 
 
 def _sim_scenario(
-    path: Path, seconds: float | None, out: Console
+    tool: tuple[Path, tuple[Path, ...]], seconds: float | None, out: Console
 ) -> "tuple[dict[str, Any], Callable[[], Log]]":
     from vgroove.plant_alone import scenario_figures, scenario_table, simulate_scenario
-    from vgroove.scenario import read_scenario_or_rig, with_duration
+    from vgroove.scenario import read_scenario_or_rig, with_duration, with_joint
 
-    simulated = simulate_scenario(with_duration(read_scenario_or_rig(path), seconds))
+    scenario = with_joint(with_duration(read_scenario_or_rig(tool[0]), seconds), tool[1])
+    simulated = simulate_scenario(scenario)
     figures = scenario_figures(simulated)
     out.print(scenario_table(figures))
     return figures, lambda: simulated

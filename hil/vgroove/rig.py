@@ -223,10 +223,13 @@ def read_rig(path: str | Path) -> Rig:
 
 def read_joints(paths: Sequence[str | Path], rig: Rig, logs: int) -> list[Rig]:
     """The rig with the [load] of each file, in the order of the logs; empty without files.
-    VgrooveError where there are not as many as logs, or a file holds anything else.
+    VgrooveError where there are not as many as logs, a file holds anything else, or the tool does
+    not hammer.
     """
     if not paths:
         return []
+    if rig.mechanism["kind"] != "impact":
+        raise VgrooveError('--joint: only a rig with [mechanism] kind = "impact" has a joint')
     if len(paths) != logs:
         raise VgrooveError(f"--joint: {len(paths)} for {logs} logs: give one for each log, or none")
     tools = []

@@ -3,7 +3,7 @@ run; read and checked, and the parts of a lock-step run made from them.
 """
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.gap.catalogue import JOINTS
 from vgroove.lockstep import FrontEnds, Profile
 from vgroove.rig import SCHEMA as RIG_SCHEMA
-from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
+from vgroove.rig import Rig, read_joints, read_rig, read_toml, rig_from_dict
 
 SCHEMA = "vgroove.scenario/1"
 MIN_DURATION_S, MAX_DURATION_S = 0.01, 3600.0
@@ -208,6 +208,15 @@ def _needed(data: Mapping[str, Any], key: str, source: str) -> Any:
     return data[key]
 
 
+def _check_free_output(tool: Rig, source: str) -> None:
+    """VgrooveError for a tool whose load makes its own torque, beside a stated torque."""
+    if tool.load["kind"] in JOINTS:
+        raise _error(
+            source,
+            f"load.torque_nm acts on a free output, but a {tool.load['kind']} makes its own torque",
+        )
+
+
 def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Scenario:
     """A scenario from its TOML content; the path of the rig is relative to `folder`.
 
@@ -224,11 +233,8 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     tool = without_board_effects(rig).with_effects(data.get("effects", {}))
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)
-    if load and tool.load["kind"] in JOINTS:
-        raise _error(
-            source,
-            f"load.torque_nm acts on a free output, but a {tool.load['kind']} makes its own torque",
-        )
+    if load:
+        _check_free_output(tool, source)
     profile = Profile(
         mode=top.pop("mode", 0), **trigger, **({"load_nm": load["torque_nm"]} if load else {})
     )
@@ -281,6 +287,20 @@ def with_duration(scenario: Scenario, seconds: float | None) -> Scenario:
             f"--seconds must be from {MIN_DURATION_S:g} to {MAX_DURATION_S:g}, not {seconds:g}"
         )
     return replace(scenario, duration_s=seconds)
+
+
+def with_joint(scenario: Scenario, joints: Sequence[Path]) -> Scenario:
+    """The scenario with the joint of a file, as read_joints reads it (no file: unchanged);
+    VgrooveError for several, and for a joint beside a torque of the scenario.
+    """
+    if not joints:
+        return scenario
+    if len(joints) > 1:
+        raise VgrooveError(f"--joint: {len(joints)} for one run: without --log give one")
+    (tool,) = read_joints(joints, scenario.tool, 1)
+    if any(torque_nm for _, torque_nm in scenario.profile.load_nm):
+        _check_free_output(tool, scenario.source)
+    return replace(scenario, tool=tool)
 
 
 def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]:

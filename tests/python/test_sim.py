@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from typer.testing import CliRunner
 
 from made_log import MadeLog, drive_log, rig
@@ -15,6 +16,7 @@ from vgroove import cli
 from vgroove.errors import VgrooveError
 from vgroove.gap.residual.loading import load_problem
 from vgroove.log import read_log
+from vgroove.reference.rigs import with_load
 from vgroove.rig import read_rig, write_rig
 from vgroove.units import RPM_PER_RAD_S
 
@@ -230,6 +232,76 @@ def test_an_impact_rig_alone_runs_at_full_trigger(tmp_path: Path) -> None:
     # docs/spec/model.md, section 4: hard joint
     assert figures["blows_per_min"] == pytest.approx(2857, rel=2e-3)
     assert figures["torque_peak_nm"] == pytest.approx(144, rel=0.01)
+
+
+def test_options_of_a_run_with_a_log_are_refused_without_one(tmp_path: Path) -> None:
+    write_rig(rig(), tmp_path / "rig.toml")
+    options = ["--restart-s 2", "--from 0", "--to 1", "--as-is", "--map a=duty", "--map-file none"]
+    for option in options:
+        name = option.split()[0]
+        with pytest.raises(VgrooveError, match=f"^{name}: only a run with --log has this option"):
+            sim(tmp_path / "rig.toml", *option.split())
+
+
+def joint_of(load: dict[str, object], path: Path) -> Path:
+    """A file with the table [load] alone."""
+    path.write_text(tomli_w.dumps({"load": load}))
+    return path
+
+
+@pytest.mark.parametrize("tool", ["rigs/impact_driver.toml", "scenarios/impact_hard_joint.toml"])
+def test_the_joint_of_a_run_without_a_log_replaces_that_of_the_rig(
+    tool: str, tmp_path: Path
+) -> None:
+    wood = RIGS / "impact_driver_wood_screw.toml"
+    joint = joint_of(read_rig(wood).load, tmp_path / "joint.toml")
+    files = ("--json", tmp_path / "out.json")
+    seconds = ("--seconds", 0.5)
+    found = []
+    for arguments in ((wood,), (RIGS.parent / tool, "--joint", joint), (RIGS.parent / tool,)):
+        sim(*arguments, *seconds, *files)
+        found.append(json.loads((tmp_path / "out.json").read_text())["head_end_rad"])
+    wood_rad, replaced_rad, own_rad = found
+    assert abs(replaced_rad - own_rad) > 1.0
+    if tool.startswith("rigs"):
+        assert replaced_rad == pytest.approx(wood_rad)
+
+
+def test_joints_that_a_run_without_a_log_cannot_have_are_refused(tmp_path: Path) -> None:
+    joint = joint_of(read_rig(RIGS / "impact_driver.toml").load, tmp_path / "joint.toml")
+    free = joint_of({"kind": "torque"}, tmp_path / "free.toml")
+    text = (RIGS.parent / "scenarios/impact_hard_joint.toml").read_text()
+    tool = RIGS / "impact_driver.toml"
+    write_rig(with_load(read_rig(tool), {"kind": "torque"}), tmp_path / "tool.toml")
+    path = tmp_path / "loaded.toml"
+    lines = [
+        f'rig = "{tmp_path / "tool.toml"}"' if line.startswith("rig ") else line
+        for line in text.splitlines()
+    ]
+    path.write_text("\n".join(lines) + "\n[load]\ntorque_nm = [[0.0, 5.0]]\n")
+    sim(path, "--seconds", 0.1, "--joint", free)
+    for arguments, words in (
+        ((RIGS / "impact_driver_18v.toml", "--joint", joint), "only a rig with .mechanism."),
+        ((tool, "--joint", joint, "--joint", joint), "--joint: 2 for one run"),
+        ((path, "--joint", joint), "a hard_joint makes its own torque"),
+        ((tool, "--joint", joint, "-o", joint), "joint.toml"),
+    ):
+        with pytest.raises(VgrooveError, match=words):
+            sim(*arguments)
+
+
+def test_the_cycles_of_a_hammering_tool_have_no_restarts(tmp_path: Path) -> None:
+    tool = RIGS / "impact_driver.toml"
+    with pytest.raises(VgrooveError, match="--restart-s: .* the model is not restarted"):
+        sim(tool, "--log", tmp_path / "log.csv", "--restart-s", 0.5)
+
+
+def test_a_joint_of_a_tool_that_does_not_hammer_is_refused(tmp_path: Path) -> None:
+    log = write_log(drive_log(rig(), seed=5, seconds=2.0), tmp_path / "log.csv")
+    write_rig(rig(), tmp_path / "rig.toml")
+    joint = joint_of({"kind": "none"}, tmp_path / "joint.toml")
+    with pytest.raises(VgrooveError, match="only a rig with .mechanism."):
+        sim(tmp_path / "rig.toml", "--log", log, "--joint", joint)
 
 
 def test_a_rig_alone_is_driven_no_faster_than_its_slew(tmp_path: Path) -> None:
