@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from telemetry_board import ROOT
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
+from vgroove.gap.catalogue import LOADS_BEHIND
 from vgroove.input_format import tables, with_tables
 from vgroove.rig import read_rig, rig_from_dict
 from vgroove.rig_keys import KINDS, SECTIONS
@@ -24,6 +25,19 @@ def test_the_tables_of_the_page_are_those_of_the_code() -> None:
     text = PAGE.read_text()
     assert with_tables(text) == text
     assert set(re.findall(r"<!-- table (\w+) -->", text)) == set(tables())
+
+
+def test_the_pages_name_the_tools_of_which_a_log_is_compared() -> None:
+    found = []
+    for page, sentence in (
+        (PAGE, r"a log is compared with ([^.;]*)"),
+        (ROOT / "docs/rig.md", r"Logs are compared with rigs of mechanism ([^.;]*)"),
+    ):
+        (named,) = re.findall(sentence, page.read_text().replace("\n", " "))
+        found.append(set(re.findall(r"`(\w+)`", named)) & set(KINDS["mechanism"]))
+    assert found == [set(LOADS_BEHIND)] * 2
+    loads = re.search(r"Mechanism `none`, with load ([^:]*)", (ROOT / "docs/rig.md").read_text())
+    assert set(re.findall(r"`(\w+)`", loads[1])) == set(LOADS_BEHIND["none"])
 
 
 def test_every_base_key_has_a_meaning_and_every_meaning_a_key() -> None:
