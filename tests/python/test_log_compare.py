@@ -183,6 +183,42 @@ def test_logs_with_nothing_in_common_are_refused(change: str) -> None:
         compare_logs(log_of(board_times()), other)
 
 
+@pytest.mark.parametrize(("factor", "ratio"), [(1e3, "1000"), (60.0, "60"), (37.0, "")])
+def test_logs_of_which_few_rows_are_compared_carry_a_warning(factor: float, ratio: str) -> None:
+    time_s = board_times()
+    plain, longer = log_of(time_s), log_of(factor * time_s, time_s)
+    for pair in ((plain, longer), (longer, plain)):
+        (warning,) = compare_logs(*pair).warnings
+        assert f"of {ROWS} in A and {ROWS} in B" in warning
+        assert (f"a ratio near {ratio}:" in warning) == bool(ratio)
+        assert ("--map" in warning) == bool(ratio)
+
+
+def test_logs_of_other_rates_and_the_greater_part_of_a_log_carry_no_warning() -> None:
+    time_s = board_times()
+    for other in (time_s[::20], time_s[: ROWS // 5], time_s + 0.4e-3):
+        assert compare_logs(log_of(time_s), log_of(other)).warnings == ()
+
+
+def test_a_log_in_ms_is_named_before_the_findings(tmp_path: Path) -> None:
+    time_s = board_times()
+    write_csv(log_of(time_s), tmp_path / "s.csv")
+    write_csv(log_of(1e3 * time_s, time_s), tmp_path / "ms.csv")
+    files = (tmp_path / "s.csv", tmp_path / "ms.csv")
+    outputs = ("--json", tmp_path / "gap.json", "--html", tmp_path / "gap.html")
+    done = vgroove("log", "compare", *files, *outputs)
+    (warning,) = json.loads((tmp_path / "gap.json").read_text())["warnings"]
+    assert "one of the time columns seems not to be in s" in warning
+    assert (
+        done.stdout.startswith("Only 2 rows take part")
+        and "Only 2 rows take part" in (tmp_path / "gap.html").read_text()
+    )
+    text = files[1].read_text().replace("time_s", "Time", 1)
+    files[1].write_text(text)
+    mapped = vgroove("log", "compare", *files, "--map", "Time:ms=time_s")
+    assert mapped.stdout.startswith(f"{ROWS} rows of equal time"), mapped.stderr
+
+
 def test_native_and_avr_runs_of_a_scenario_are_equal(tmp_path: Path) -> None:
     scenario = tmp_path / "short.toml"
     text = (ROOT / "scenarios/impact_hard_joint.toml").read_text()

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.log.table import Log
+from vgroove.log_compare.few_rows import few_rows_warning
 from vgroove.log_compare.gaps import EQUAL, ColumnPair, SignalGap, differs, signal_gap
 from vgroove.log_compare.limits import BOARD_INPUTS, BOARD_OUTPUTS, DISCRETE, LIMITS, Limits
 from vgroove.log_compare.pairing import Pairs, pair_rows, values_at
@@ -29,7 +30,7 @@ class FirstDifference:
 class Comparison:
     """Two logs compared. `equal_rows`: rows before the first difference, equal bit for bit;
     `cause`: input, output or equal: whether an input of the board, or one of its outputs at equal
-    inputs until then, differs first.
+    inputs until then, differs first; `warnings`: sentences on why the comparison may mislead.
     """
 
     a: str
@@ -41,6 +42,7 @@ class Comparison:
     first: FirstDifference | None
     equal_rows: int
     cause: str
+    warnings: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """For the JSON file (schema vgroove.log_compare/1)."""
@@ -55,6 +57,7 @@ class Comparison:
                 "only_b": self.pairs.only_b,
                 "equal_before_first_difference": self.equal_rows,
             },
+            "warnings": list(self.warnings),
             "cause": self.cause,
             "first_difference": None if self.first is None else asdict(self.first),
             "clock": {
@@ -91,8 +94,18 @@ def compare_logs(a: Log, b: Log, limits: Limits = LIMITS) -> Comparison:
     equal_rows = len(pairs.time_s)
     if first is not None:
         equal_rows = int(np.searchsorted(pairs.time_s, first.time_s))
+    warning = few_rows_warning(a, b, pairs.compared, limits)
     return Comparison(
-        a.source, b.source, pairs, time_map, signals, only, first, equal_rows, _cause(first)
+        a=a.source,
+        b=b.source,
+        pairs=pairs,
+        time_map=time_map,
+        signals=signals,
+        only_in=only,
+        first=first,
+        equal_rows=equal_rows,
+        cause=_cause(first),
+        warnings=(warning,) if warning else (),
     )
 
 

@@ -31,6 +31,9 @@ class Limits:
     # two rows averages them, which alone removes half of the squared gap of white noise.
     partly_share: float = 0.75
     grid_tolerance: float = 0.05  # of a step: values are multiples of one resolution
+    # Of the rows of the shorter log: below it, the compared rows describe a small part of the logs.
+    few_share: float = 0.1
+    unit_tolerance: float = 0.05  # of a ratio of two units of time, for the logs' median intervals
     fit_rows: int = 20_000  # of a long log, for the search of the offset
 
 

@@ -14,7 +14,8 @@ from vgroove.log_compare.limits import DISCRETE, Limits
 @dataclass(frozen=True)
 class Pairs:
     """Paired rows: times (n,) in s and the columns (n,) of both logs; `interpolated`: log B was
-    sampled at other instants; `only_a`, `only_b`: rows within the common range without a partner.
+    sampled at other instants; `only_a`, `only_b`: rows within the common range without a partner;
+    `compared`: rows of the log that has fewer rows in the comparison.
     """
 
     time_s: np.ndarray
@@ -23,6 +24,7 @@ class Pairs:
     interpolated: bool
     only_a: int
     only_b: int
+    compared: int
 
 
 def values_at(log: Log, name: str, time_s: np.ndarray) -> np.ndarray:
@@ -66,10 +68,12 @@ def pair_rows(a: Log, b: Log, limits: Limits) -> Pairs:
             False,
             len(in_a) - len(rows_a),
             len(in_b) - len(rows_b),
+            len(rows_a),
         )
     time_s = a.time_s[in_a]
     columns_b = {name: values_at(b, name, time_s) for name in names}
-    return Pairs(time_s, {name: a[name][in_a] for name in names}, columns_b, True, 0, 0)
+    columns_a = {name: a[name][in_a] for name in names}
+    return Pairs(time_s, columns_a, columns_b, True, 0, 0, min(len(in_a), len(in_b)))
 
 
 def _same_times(

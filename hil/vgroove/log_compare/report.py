@@ -79,7 +79,7 @@ def row_sentence(found: Comparison) -> str:
 
 def sentences(found: Comparison) -> list[str]:
     """The findings in their order."""
-    lines = [row_sentence(found), first_sentence(found), cause_sentence(found)]
+    lines = [*found.warnings, row_sentence(found), first_sentence(found), cause_sentence(found)]
     if found.first is not None:
         lines.append(clock_sentence(found))
     if found.only_in:
