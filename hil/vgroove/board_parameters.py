@@ -1,7 +1,8 @@
 """Writes parameters into a board's EEPROM over its serial port."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 import can
 import serial
@@ -9,8 +10,9 @@ import serial
 from vgroove import telemetry
 from vgroove.control_bench.runs import parameter
 from vgroove.errors import VgrooveError
-from vgroove.serial_bus import ResyncBus
+from vgroove.serial_bus import ResyncBus, open_bus
 
+RATES_BD = (250_000, 115_200)  # of a board, by its parameter baud_select
 ANSWER_S = 0.5  # longest wait for an ACK
 TRIES = (
     4  # of a command whose answer is lost; the board answers a repeated one without executing it
@@ -87,19 +89,37 @@ def _at_rest(frame: telemetry.Frame) -> bool:
     return not telemetry.decode_integers(frame)["flags"] & saving
 
 
+@contextmanager
+def _board_at(port: str, baud: int) -> Iterator[_Writer]:
+    """The writer to the board at a port. VgrooveError for a rate that no board has, a port that
+    cannot be opened or is lost, and where no board sends.
+    """
+    if baud not in RATES_BD:
+        rates = " or ".join(map(str, RATES_BD))
+        raise VgrooveError(f"--baud is {rates}, the rates of a board, not {baud}")
+    try:
+        with open_bus(port, baud) as bus:
+            writer = _Writer(bus, port)
+            writer.wait_for_board()
+            yield writer
+    except (can.CanError, serial.SerialException, OSError) as error:
+        raise VgrooveError(f"{port}: the port cannot be used: {error}") from error
+
+
+def check_board(port: str, baud: int) -> None:
+    """VgrooveError where no parameters could be written to a board at the port."""
+    with _board_at(port, baud):
+        pass
+
+
 def write_parameters(port: str, values: Mapping[str, float], baud: int = 250_000) -> None:
     """Write physical values by parameter name, in their order, and wait until they are in the
     EEPROM. VgrooveError names the first parameter that was not written.
     """
     names = [entry.name for entry in telemetry.parameter_list()]
-    try:
-        with ResyncBus(port, baudrate=baud) as bus:
-            writer = _Writer(bus, port)
-            writer.wait_for_board()
-            for sequence, (name, value) in enumerate(values.items(), start=1):
-                entry = parameter(name)
-                raw = round(value * 2**entry.q)
-                writer.write(entry.name, raw, names.index(entry.name), sequence)
-            writer.wait_until_saved()
-    except (can.CanError, serial.SerialException, OSError) as error:
-        raise VgrooveError(f"{port}: the port cannot be used: {error}") from error
+    with _board_at(port, baud) as writer:
+        for sequence, (name, value) in enumerate(values.items(), start=1):
+            entry = parameter(name)
+            raw = round(value * 2**entry.q)
+            writer.write(entry.name, raw, names.index(entry.name), sequence)
+        writer.wait_until_saved()

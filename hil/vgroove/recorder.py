@@ -18,7 +18,7 @@ from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.output import check_outputs, replacing, unwritable
 from vgroove.recording_files import RecordingFile, file_type
-from vgroove.serial_bus import ResyncBus, command_message
+from vgroove.serial_bus import ResyncBus, command_message, open_bus
 
 BOOT_TIMEOUT_S = 5.0
 # A board that resets when the port opens sends BOOT by itself within this time; from others it is
@@ -122,7 +122,7 @@ def _record_into(
     progress: Callable[[Recording], None],
 ) -> None:
     try:
-        bus = _open_port(recording)
+        bus = open_bus(recording.port, recording.baud)
     except BaseException:
         file.discard()
         raise
@@ -131,13 +131,6 @@ def _record_into(
         _Recorder(bus, recording, stopped, progress).run(file)
     finally:
         bus.shutdown()
-
-
-def _open_port(recording: Recording) -> ResyncBus:
-    try:
-        return ResyncBus(recording.port, baudrate=recording.baud)
-    except (serial.SerialException, can.CanError, OSError, ValueError) as error:
-        raise VgrooveError(f"{recording.port}: the port cannot be opened: {error}.") from error
 
 
 def _create(create: type[RecordingFile], recording: Recording) -> RecordingFile:

@@ -13,6 +13,7 @@ import serial
 from can.interfaces.serial.serial_can import SerialBus
 
 from vgroove import telemetry
+from vgroove.errors import VgrooveError
 
 if os.name == "posix":
     import fcntl
@@ -141,6 +142,14 @@ class ResyncBus(SerialBus):
         if not self._received:
             self._received.extend(self.read_frames())
         return (self._received.popleft().message() if self._received else None), False
+
+
+def open_bus(port: str, baud: int) -> ResyncBus:
+    """The bus at a port; VgrooveError where it cannot be opened at this rate."""
+    try:
+        return ResyncBus(port, baudrate=baud)
+    except (serial.SerialException, can.CanError, OSError, ValueError, OverflowError) as error:
+        raise VgrooveError(f"{port}: the port cannot be opened: {error}.") from error
 
 
 def command_message(name: str, sequence: int, time_ms: int, **signals: float) -> can.Message:

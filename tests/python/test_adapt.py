@@ -3,6 +3,7 @@ parameters on a board.
 """
 
 import dataclasses
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,15 +15,15 @@ from typer.testing import CliRunner
 from test_flash import hex_bytes
 from test_run import elf, short_scenario, start_on_pty
 from vgroove import telemetry
+from vgroove.adapt import adaptation, torque_tables
 from vgroove.adapt import torque_map as maps
-from vgroove.adapt import torque_tables
 from vgroove.adapt.adaptation import Adaptation, check
 from vgroove.adapt.firmware_image import adapted_image, map_in_flash
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale, level_scale
 from vgroove.adapt.setpoints import default, setpoints
 from vgroove.board import AvrBoard
-from vgroove.board_parameters import write_parameters
+from vgroove.board_parameters import check_board, write_parameters
 from vgroove.cli import app
 from vgroove.control_bench import torque_adapted, torque_drawn
 from vgroove.control_bench.draw import NOMINAL
@@ -245,6 +246,42 @@ def test_unusable_arguments_are_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(VgrooveError, match=message):
         CliRunner().invoke(app, ["adapt", *arguments], catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--port", "/dev/none"), "/dev/none: the port cannot be opened"),
+        (("--port", "foo://x"), "foo://x: the port cannot be opened"),
+        (("--port", "/dev/none", "--baud", "5"), "--baud is 250000 or 115200, .* not 5"),
+    ],
+)
+def test_an_unusable_port_is_refused_before_the_work(
+    options: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begun(*_: object) -> None:
+        raise AssertionError("the torque map is computed first")
+
+    monkeypatch.setattr(adaptation, "adapt", begun)
+    with pytest.raises(VgrooveError, match=message):
+        CliRunner().invoke(app, ["adapt", str(REFERENCE), *options], catch_exceptions=False)
+
+
+def test_a_port_on_which_no_board_sends_is_refused_and_one_with_a_board_is_free_after(
+    tmp_path: Path,
+) -> None:
+    near, far = os.openpty()
+    with pytest.raises(VgrooveError, match="no frame of a vgroove board within 3 s"):
+        check_board(os.ttyname(far), 250_000)
+    os.close(near)
+    os.close(far)
+    process, port = start_on_pty("sil", scenario_with(tmp_path, "[[0.0, 0.0]]"), "--real-time")
+    try:
+        check_board(port, 250_000)
+        write_parameters(port, {"sync_low_mv": 14000.0})
+    finally:
+        process.kill()
+        process.wait()
 
 
 def scenario_with(folder: Path, travel: str) -> Path:

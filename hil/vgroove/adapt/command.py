@@ -42,7 +42,7 @@ def adapt_command(
     from vgroove.adapt.adaptation import adapt, adapt_tables, check
     from vgroove.adapt.firmware_image import adapted_image
     from vgroove.board import default_elf
-    from vgroove.board_parameters import write_parameters
+    from vgroove.board_parameters import check_board, write_parameters
     from vgroove.output import check_outputs, json_text, write_all
     from vgroove.progress import share_bar, step_bar
     from vgroove.rig import read_rig
@@ -51,6 +51,8 @@ def adapt_command(
     check_outputs((output, json_path), (rig,))
     _check_image(output, target)
     tool, elf = read_rig(rig), default_elf(target)
+    if port:
+        check_board(port, baud)
     with share_bar("torque map") as bar:
         found = adapt(tool, bar.move_to)
     compared = []

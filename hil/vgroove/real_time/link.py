@@ -46,7 +46,7 @@ class SerialLink:
         self._framer = Framer(self.counters, KNOWN_IDS)
         try:
             self._port = serial.Serial(port, baud, timeout=0.0, write_timeout=1.0)
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (serial.SerialException, OSError, ValueError, OverflowError) as error:
             raise VgrooveError(f"{port}: the port cannot be opened: {error}.") from error
         self._descriptor = self._port.fileno() if os.name == "posix" else None
 
