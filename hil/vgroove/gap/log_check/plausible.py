@@ -4,9 +4,11 @@ columns without a value, and a row interval that the rig's log_hz contradicts.
 
 import numpy as np
 
+from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.gap.log_check.finding import Finding
 from vgroove.gap.log_check.missing_marks import marked_findings
 from vgroove.gap.log_check.wrapped_angle import wrapped_finding
+from vgroove.gap.residual.impact.cycle_windows import RULES
 from vgroove.gap.residual.inputs import COMMAND
 from vgroove.log import COLUMN_UNITS, MEASURED, Log
 from vgroove.rig import Rig
@@ -34,7 +36,7 @@ TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1 / 60: "min", 1 / 3600: "h", 1 /
 MIN_INTERVAL_S = 1e-6  # of a logger: log_hz is at most 1e6
 LEAST_INTERVAL_S = MIN_INTERVAL_S * (1.0 - 1e-3)  # that is no less: rounding of the stamps
 TIME_TOLERANCE = 0.5
-MIN_BLOWS = 8  # that a firmware counts in a tool that hammers; fewer may be ripples of the current
+MIN_BLOWS = 8  # that a firmware counts in a tool that hammers; fewer may be steps of the current
 
 
 def plausibility_findings(log: Log, rig: Rig | None = None) -> list[Finding]:
@@ -124,11 +126,15 @@ def _empty_findings(log: Log, rig: Rig | None) -> list[Finding]:
 
 
 def _blow_findings(log: Log, rig: Rig) -> list[Finding]:
-    """A finding on a log in which the firmware counted blows, for a rig without a mechanism."""
+    """A finding on a log in which the firmware counted blows as often as a tool hammers, for a rig
+    without a mechanism.
+    """
     if rig.mechanism["kind"] != "none" or "blow_count" not in log.columns:
         return []
     count = np.nanmax(log.columns["blow_count"], initial=0.0)
-    if count < MIN_BLOWS:
+    command = hold_last_value(log.columns.get(rig.input["kind"], np.zeros(len(log))))
+    driven_s = float(np.sum(np.diff(log.time_s)[command[1:] != 0.0]))
+    if count < max(MIN_BLOWS, RULES.least_hz * driven_s):
         return []
     text = f'column blow_count: reaches {count:.0f}: the tool hammers, but mechanism.kind is "none"'
     return [Finding(f"{text}: is the rig that of another tool?", refuses=True)]
