@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from impact_logs import impact_rig, plant_log, ramp
 from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
+from vgroove.gap.log_check.command import fact_lines
+from vgroove.gap.log_check.facts import impact_diagnosis_s
 from vgroove.gap.residual.impact.harmonics import fit_harmonics
 from vgroove.gap.residual.impact.missing_rows import fills_of, run_lengths
 from vgroove.gap.residual.impact.problem import ImpactProblem
@@ -195,3 +197,15 @@ def test_a_simulation_that_diverges_writes_no_warning() -> None:
         warnings.simplefilter("error")
         left = reader._turn(replace(found, amplitude=np.full_like(found.amplitude, np.inf)))
     assert np.isnan(left).all()
+
+
+def test_the_stated_time_of_a_diagnosis_grows_with_the_length_of_the_log() -> None:
+    times = [impact_diagnosis_s(length_s) for length_s in (1.2, 4.0, 8.0)]
+    assert times == pytest.approx([41.0, 71.0, 114.0])
+
+
+def test_the_check_of_a_hammering_log_states_the_time_of_its_diagnosis(whole: Log) -> None:
+    facts = check_log(whole, impact_rig()).facts
+    assert facts.diagnosis_s == impact_diagnosis_s(facts.duration_s)
+    assert facts.diagnosis_longer in fact_lines(facts)[2]
+    assert check_log(whole).facts.diagnosis_s < 10.0

@@ -52,8 +52,8 @@ def fact_lines(facts: LogFacts) -> list[str]:
         f"{facts.source}: {facts.rows} rows in {facts.duration_s:.4g} s, median interval "
         f"{facts.interval_s:.4g} s ({facts.rate_hz:.4g} Hz), {gaps}",
         f"command: rows are {facts.command_rows} ({facts.command_rows_reason})",
-        f"a diagnosis takes about {facts.diagnosis_s:.0f} s of processor time (up to three times "
-        "as long in the torque balance)",
+        f"a diagnosis takes about {facts.diagnosis_s:.0f} s of processor time "
+        f"({facts.diagnosis_longer})",
     ]
     if facts.unsigned_current:
         lines.append("current_a is unsigned: it is never negative while the drive brakes")
