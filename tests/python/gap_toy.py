@@ -214,27 +214,32 @@ class Toy:
             np.arange(self.duty.size) * DT,
             self.duty,
         )
-        rows = []
+        falls, spins = breakaway.any(), quadratic.any() or directional.any()
+        leans, drops = forward.any() or backward.any(), brush.any()
+        delayed = np.ascontiguousarray(np.moveaxis(delayed, -1, 0))
+        drive, resistance = delayed * source, r + delayed * delayed * supply_ohm
+        current, speed = np.empty_like(drive), np.empty_like(drive)
         for n in range(commands.shape[1]):
-            d = delayed[..., n]
-            emf = k * w
-            i = (d * source - emf) / (r + d * d * supply_ohm)
-            i = i - np.sign(i) * np.minimum(np.abs(i) * r, brush) / r
-            s, size = np.tanh(w / 2.0), np.abs(w)
+            i = (drive[n] - k * w) / resistance[n]
+            if drops:
+                i = i - np.sign(i) * np.minimum(np.abs(i) * r, brush) / r
+            s = np.tanh(w / 2.0)
             friction = coulomb * s + viscous * w
-            friction = friction + breakaway * np.exp(-((w / stribeck_speed) ** 2)) * s
-            friction = friction + (quadratic * w * size + directional * size)
-            friction = friction + np.where(s > 0, s * forward, s * backward)
+            if falls:
+                friction = friction + breakaway * np.exp(-((w / stribeck_speed) ** 2)) * s
+            if spins:
+                size = np.abs(w)
+                friction = friction + (quadratic * w * size + directional * size)
+            if leans:
+                friction = friction + np.where(s > 0, s * forward, s * backward)
             w = w + DT * (k * i - friction) / inertia
-            rows.append((i, w, d * i))
-        i, w, bus_a = (np.stack(column, axis=-1) for column in zip(*rows, strict=True))
+            current[n], speed[n] = i, w
         seen = (
-            i * (1 + e("current_gain.relative"))[..., None]
-            + e("current_offset.offset_a")[..., None],
-            w * 30 / np.pi * (1 + e("speed_gain.relative"))[..., None],
-            source[..., None] - supply_ohm[..., None] * bus_a,
+            current * (1 + e("current_gain.relative")) + e("current_offset.offset_a"),
+            speed * 30 / np.pi * (1 + e("speed_gain.relative")),
+            source - supply_ohm * (delayed * current),
         )
-        return np.stack(seen).reshape(3, len(theta), -1)
+        return np.moveaxis(np.stack(seen), 1, -1).reshape(3, len(theta), -1)
 
     def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
         """(measured - model) / sigma, (B, n); no effect depends on the angles."""
