@@ -1,7 +1,7 @@
 """Where in the impact cycle a shape is wrong: shares of its squared residuals by the phase of the
 cycle.
 
-The phase is 0 where the fundamental of the reference column (impact_run.reader_of()) has its
+The phase is 0 where the fundamental of the reference column (log_cycles.reader_of()) has its
 maximum, the same in the log and in the model.
 """
 

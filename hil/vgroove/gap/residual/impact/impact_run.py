@@ -10,32 +10,18 @@ from typing import Any
 import numpy as np
 
 from vgroove import _core
-from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue.statistics import STATISTICS
-from vgroove.gap.cleaning.missing_values import (
-    has_values,
-    hold_last_value,
-    interpolate_missing,
-)
-from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS, high_frequency_sigma
+from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
 from vgroove.gap.residual.clean_log import CleanLog, clean_log
 from vgroove.gap.residual.immutable import freeze_arrays
-from vgroove.gap.residual.impact.cycle_statistics import (
-    NOISE_LEFT,
-    REFERENCES,
-    CycleReader,
-    StatisticPart,
-    is_periodic,
-    statistic_parts,
-)
-from vgroove.gap.residual.impact.cycle_windows import RULES, CycleWindows, cut_windows
+from vgroove.gap.residual.impact.cycle_statistics import CycleReader, StatisticPart
+from vgroove.gap.residual.impact.cycle_windows import CycleWindows
+from vgroove.gap.residual.impact.log_cycles import read_cycles
 from vgroove.gap.residual.impact.missing_rows import (
     Fill,
     fills_of,
     unseen_spans,
-    unseen_windows,
     with_even_rows,
 )
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
@@ -49,8 +35,6 @@ from vgroove.gap.residual.inputs import DrivingColumns, read_input
 from vgroove.rig import Rig
 
 PLACES = ("first third of the run", "second third of the run", "last third of the run")
-SENSED = ("current_a", "speed_rpm", "supply_v")
-MIN_SIGMA = 1e-9  # of a column without noise
 REST_SIGMAS = 5.0  # speed of the first row, in standard deviations, up to which the tool rests
 NONE = np.zeros(0)
 
@@ -203,22 +187,6 @@ def prepare_impact_run(clean: CleanLog) -> ImpactRun:
     return replace(run, measured=run.read(columns, False)[0], sigma=own_sigma(run, columns))
 
 
-def read_cycles(clean: CleanLog, command: np.ndarray) -> tuple[dict[str, np.ndarray], CycleReader]:
-    """The judged columns (rows,) of a log, missing samples interpolated, and the reader of their
-    cycles; VgrooveError where there are none.
-    """
-    values = judged_columns(clean)
-    if not {"current_a", "speed_rpm"} & set(values):
-        raise VgrooveError(
-            f"{clean.source}: nothing to judge: the log of an impact tool needs a column "
-            "current_a or speed_rpm"
-        )
-    noise = {name: column_noise(clean, name, values[name]) for name in values}
-    windows = windows_of(clean, command, values, noise)
-    unseen = np.stack([unseen_windows(windows, clean.columns[name]) for name in values])
-    return values, reader_of(clean, windows, values, noise, unseen)
-
-
 def begins_at_rest(values: Mapping[str, np.ndarray], noise: Mapping[str, float]) -> bool:
     """Whether a log begins at rest, as far as it tells."""
     if "speed_rpm" not in values:
@@ -257,89 +225,3 @@ def white_sigma(run: ImpactRun) -> np.ndarray:
     fit = run.reader.fit({name: np.asarray(c, float)[None] for name, c in columns.items()})
     cycles = np.sqrt(run.reader.noise_variances(fit)).T.ravel()
     return np.concatenate([cycles, np.ones(len(run.part) - len(cycles))])
-
-
-def judged_columns(log: CleanLog) -> dict[str, np.ndarray]:
-    """Columns (rows,) of which statistics are judged, missing samples interpolated."""
-    bus = log.rig.bus_is_measured
-    names = [n for n in STATISTICS if has_values(log.columns, n) and not (bus and n == "supply_v")]
-    return {name: interpolate_missing(log.time_s, log.columns[name]) for name in names}
-
-
-def column_noise(log: CleanLog, name: str, values: np.ndarray) -> float:
-    """Standard deviation of a column's noise, in its unit."""
-    if name in SENSED:
-        return log.noise[name].sigma
-    return max(high_frequency_sigma(values), MIN_SIGMA)
-
-
-def windows_of(
-    log: CleanLog, command: np.ndarray, values: dict[str, np.ndarray], noise: dict[str, float]
-) -> CycleWindows:
-    """Windows over the rows from the first to the last command; VgrooveError for a log that is too
-    short.
-    """
-    found = [n for n in REFERENCES if n in values]
-    signals = np.stack([values[n] for n in found])
-    weight = np.array([1.0 / noise[n] ** 2 for n in found])
-    row_s = float(np.median(np.diff(log.time_s)))
-    driven = command != 0.0
-    if "coast" in log.columns:
-        driven &= hold_last_value(log.columns["coast"]) == 0.0
-    windows = cut_windows(signals, weight, row_s, driven)
-    if windows is None:
-        raise VgrooveError(
-            f"{log.source}: too short to judge: {np.count_nonzero(driven)} rows under command, one "
-            f"every {1e3 * row_s:.3g} ms. A log of an impact tool needs at least "
-            f"{RULES.min_windows} windows, each of {RULES.cycles:g} blows and {RULES.min_rows} rows"
-        )
-    return windows
-
-
-def reader_of(
-    log: CleanLog,
-    windows: CycleWindows,
-    values: dict[str, np.ndarray],
-    noise: dict[str, float],
-    unseen: np.ndarray,
-) -> CycleReader:
-    """The reader whose phase comes from the column with the clearest fundamental; unseen (S, W):
-    windows of each column that lack samples.
-    """
-    names = tuple(values)
-    trial = CycleReader(windows, noise, names[0], (), unseen)
-    fit = trial.fit({name: column[None] for name, column in values.items()})
-    scatter = np.where(unseen, np.nan, fit.scatter)
-    scatter[scatter == 0.0] = np.nan
-    clear = {
-        name: float(np.nanmedian(np.abs(fit.amplitude[k, :, 0]) / scatter[k]))
-        for k, name in enumerate(names)
-        if name in REFERENCES and np.isfinite(scatter[k]).any()
-    }
-    if not clear:
-        raise VgrooveError(
-            f"{log.source}: nothing to judge: {' and '.join(n for n in REFERENCES if n in names)} "
-            "never change or lack too many samples"
-        )
-    reference = max(clear, key=lambda n: clear[n])
-    found = {name: is_periodic(fit, names.index(name), windows) for name in clear}
-    other = np.logical_or.reduce([found[name] for name in clear])
-    periodic = np.where(unseen[names.index(reference)], other, found[reference])
-    windows = replace(windows, periodic=periodic)
-    noise = noise_of_cycles(log.rig, noise, names, scatter[:, windows.periodic])
-    return CycleReader(windows, noise, reference, statistic_parts(names, reference), unseen)
-
-
-def noise_of_cycles(
-    rig: Rig, noise: dict[str, float], names: tuple[str, ...], scatter: np.ndarray
-) -> dict[str, float]:
-    """Standard deviation of the noise of each column. One that the rig does not state was estimated
-    from the high frequencies of the log, which the impact cycle has as well; it is therefore
-    limited to the scatter (S, W) that the harmonic fit leaves, nan where it is not known.
-    """
-    stated = {name for name in names if NOISE_KEYS.get(name) in rig.sensors}
-    found = dict(noise)
-    for name, left in zip(names, scatter, strict=True):
-        if name not in stated and np.isfinite(left).any():
-            found[name] = max(MIN_SIGMA, min(noise[name], float(np.nanmedian(left)) / NOISE_LEFT))
-    return found
