@@ -26,6 +26,8 @@ from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning, result_console
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from vgroove.gap import DiagnosisOptions
     from vgroove.log import ColumnMap, Log
     from vgroove.run import RunOptions
@@ -428,15 +430,16 @@ def sim(
             raise VgrooveError("--seconds is of a run without --log; use --from and --to with it")
         columns = _columns(maps, map_file)
         options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
-        figures, simulated = _sim_logs(tool, log, options, restart_s, out)
+        figures, simulated, table = _sim_logs(tool, log, options, restart_s)
     else:
         given = {"--restart-s": restart_s, "--from": from_s, "--to": to_s, "--map-file": map_file}
         _refuse_without_log({**given, "--map": maps or None, "--as-is": as_is or None})
-        figures, simulated = _sim_scenario(tool, seconds, out)
+        figures, simulated, table = _sim_scenario(tool, seconds)
     files = [(json_path, json_text(figures, allow_nan=True))] if json_path else []
     if output:
         files.append((output, csv_bytes(simulated())))
     write_all(files)
+    out.print(table)
 
 
 def _refuse_without_log(given: dict[str, Any]) -> None:
@@ -451,10 +454,9 @@ def _sim_logs(
     logs: list[Path],
     options: "DiagnosisOptions",
     restart_s: float | None,
-    out: Console,
-) -> "tuple[dict[str, Any], Callable[[], Log]]":
-    """Print the gap of a tool, its rig and the joints of its logs, to logs; its figures, and what
-    simulates the rows of the one log.
+) -> "tuple[dict[str, Any], Callable[[], Log], Table]":
+    """The gap of a tool, its rig and the joints of its logs, to logs: its figures, what simulates
+    the rows of the one log, and the table to print.
     """
     from vgroove.gap.simulate import compute_gap, gap_table, simulated_log
     from vgroove.gap.stages import read_logs
@@ -470,23 +472,21 @@ def _sim_logs(
         )
     options = replace(options, joints=read_joints(tool[1], rig, len(logs)))
     figures, problem = compute_gap(rig, read_logs(logs, rig, options), options, restart_s)
-    out.print(gap_table(figures))
     for warning in figures["warnings"]:
         print_warning(Console(stderr=True), warning)
-    return figures, lambda: simulated_log(problem)
+    return figures, lambda: simulated_log(problem), gap_table(figures)
 
 
 def _sim_scenario(
-    tool: tuple[Path, tuple[Path, ...]], seconds: float | None, out: Console
-) -> "tuple[dict[str, Any], Callable[[], Log]]":
+    tool: tuple[Path, tuple[Path, ...]], seconds: float | None
+) -> "tuple[dict[str, Any], Callable[[], Log], Table]":
     from vgroove.plant_alone import scenario_figures, scenario_table, simulate_scenario
     from vgroove.scenario import read_scenario_or_rig, with_duration, with_joint
 
     scenario = with_joint(with_duration(read_scenario_or_rig(tool[0]), seconds), tool[1])
     simulated = simulate_scenario(scenario)
     figures = scenario_figures(simulated)
-    out.print(scenario_table(figures))
-    return figures, lambda: simulated
+    return figures, lambda: simulated, scenario_table(figures)
 
 
 def _columns(maps: list[str] | None, map_file: Path | None) -> "ColumnMap":

@@ -157,6 +157,21 @@ def test_the_plant_alone_is_the_same_backwards(tmp_path: Path) -> None:
     assert np.allclose(forwards.columns["supply_v"], backwards.columns["supply_v"])
 
 
+def test_figures_are_printed_after_the_files_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A table suggests that the run is complete."""
+
+    def full(files: list[tuple[Path, bytes]]) -> None:
+        raise VgrooveError(f"{files[0][0]}: no space left")
+
+    monkeypatch.setattr("vgroove.output.write_all", full)
+    write_rig(rig(), tmp_path / "rig.toml")
+    command = ["sim", str(tmp_path / "rig.toml"), "--seconds", "0.2", "-o", str(tmp_path / "a.csv")]
+    run = CliRunner().invoke(cli.app, command)
+    assert isinstance(run.exception, VgrooveError) and run.stdout == ""
+
+
 def test_figures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="cannot be written"):
         sim(scenario_of(tmp_path), "--json", tmp_path / "absent" / "out.json")
