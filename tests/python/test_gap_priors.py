@@ -373,6 +373,18 @@ def test_a_relative_size_is_widened_to_no_factor_of_zero(effect: str) -> None:
     assert low == pytest.approx(-0.95)
 
 
+@pytest.mark.parametrize("effect", ["inductance", "winding_resistance", "joint_stiffness"])
+def test_a_relative_size_is_widened_by_no_larger_factor_upwards(effect: str) -> None:
+    builder, high = HypothesisBuilder(Toy({}), SCALES, {}), 0.0
+    for _ in range(4):
+        (hypothesis, *_) = builder.hypotheses([BY_ID[effect]], (), np.zeros(0))
+        (coordinate,) = hypothesis.coordinates
+        high = coordinate.high * coordinate.factors[0]
+        assert coordinate.ends_at_search_bound(coordinate.high) and 0.0 < high < 19.001
+        builder.widen(SimpleNamespace(hypothesis=hypothesis, x=np.array([coordinate.high])))
+    assert high == pytest.approx(19.0)
+
+
 @pytest.mark.parametrize(
     ("effect", "at", "again"),
     [

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from gap_toy import SCALES
+from made_log import drive_log, rig
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, FORMS_BEYOND_SPECIFICATION, MIN_PERIODS
+from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.selection.intervals import catalogue_forms
 from vgroove.gap.selection.log_content import (
+    effect_scales,
     has_range,
     periods_of_rows,
     repeats,
@@ -127,3 +130,17 @@ def test_forms_beyond_the_agreed_catalogue_are_replaced_by_all_others_of_their_e
     assert catalogue_forms(((lag, 2.0),), beyond) == [(), ((lag, 1.0),)]
     both = catalogue_forms(((7, 1.0), (dead, 1.0), (lag, 2.0)), beyond)
     assert both == [((7, 1.0),), ((7, 1.0), (lag, 1.0))]
+
+
+@pytest.mark.parametrize("limit_a", [4.0, 8.0, 12.0])
+def test_a_current_sensor_shows_no_more_than_its_limit(limit_a: float) -> None:
+    """The limit of a clipped log is not excluded, one that a log exceeds is."""
+    effect, made = BY_ID["current_saturation"], drive_log(rig())
+    noise = 0.15 * np.random.default_rng(2).standard_normal(len(made.time_s))
+    clipped = np.clip(made.columns["current_a"], -limit_a, limit_a) + noise
+    for current, least in ((made.columns["current_a"], limit_a), (clipped, 0.9 * limit_a)):
+        log = replace(made, columns=made.columns | {"current_a": current})
+        scales = effect_scales(load_problem([log], rig()))
+        low = effect.leading.low(scales)
+        assert low == effect.leading.widest_low(scales) > least
+    assert low <= limit_a

@@ -15,6 +15,7 @@ from .entry import (
 )
 from .keys import ANY, NOT_NEGATIVE, POSITIVE, RELATIVE
 
+FARTHEST = 20.0  # factor between a value of the rig and the same value of any tool of its kind
 PHASE = Parameter("phase_rad", "rad", constant(1.0), reported=False, key=ANY.optional())
 
 
@@ -22,7 +23,8 @@ def relative(
     size: float, bound: float = 0.9, high: float | None = None, plausible: float = 0.1
 ) -> Parameter:
     """A factor 1 + relative on a value of the rig, searched within +-bound, or up to high. At a
-    factor near 0 the model has lost the value: a fit that ends there has found no size.
+    factor of 1 / FARTHEST or FARTHEST the model has lost the value: a fit that ends there has found
+    no size.
     """
     return Parameter(
         "relative",
@@ -31,7 +33,8 @@ def relative(
         constant(-bound),
         constant(bound if high is None else high),
         key=RELATIVE,
-        widest_low=constant(-0.95),
+        widest_low=constant(1.0 / FARTHEST - 1.0),
+        widest_high=constant(FARTHEST - 1.0),
         plausible=constant(plausible),
     )
 

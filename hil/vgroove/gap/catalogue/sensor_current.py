@@ -1,8 +1,14 @@
 """Effects of the current sensor."""
 
 from .common import relative, sensor_lag
-from .entry import OFF_AT_INFINITY, Effect, Parameter
+from .entry import OFF_AT_INFINITY, Effect, Parameter, Scales
 from .keys import POSITIVE
+
+
+def _least_limit(s: Scales) -> float:
+    """A clipped sensor shows no current beyond its limit, noise apart."""
+    return max(0.2 * s.amp, s.shown_amp)
+
 
 EFFECTS = (
     Effect(
@@ -45,11 +51,12 @@ EFFECTS = (
                 "limit_a",
                 "A",
                 lambda s: 0.05 * s.amp,
-                lambda s: 0.2 * s.amp,
+                _least_limit,
                 lambda s: 2.0 * s.amp,
                 (20.0,),
                 key=POSITIVE,
                 neutral=OFF_AT_INFINITY,
+                widest_low=_least_limit,
             ),
         ),
         needs=("current",),

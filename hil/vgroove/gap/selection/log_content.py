@@ -20,6 +20,7 @@ MIN_TIME_EACH_WAY = 0.05  # share of the moving rows in each direction for both 
 MIN_REFLECTED_INERTIA = 0.01
 STALL_SHARE = 0.3  # assumed magnitude of a current that is not logged, as a share of stall current
 UNKNOWN_CLOCK_PPM = 20000.0  # docs/spec/gap.md, section 2
+SHOWN_SIGMAS = 3.0  # by which noise may raise the 99th percentile of a clipped current
 ROWS_OF_DELAY = 1.5  # row intervals below which a delay may be the logger's convention
 
 
@@ -243,6 +244,13 @@ def repeats(effect: Effect, scales: Scales) -> bool:
     return scales.repeated_turns * known >= MIN_PERIODS and known <= scales.periods
 
 
+def current_sigma(problem: Problem) -> float:
+    """Standard deviation of the noise of a judged current in A; infinite without one, and of a
+    hammering tool, whose rows are not compared.
+    """
+    return max((s.sigma for s in problem.signals if s.column == "current_a"), default=np.inf)
+
+
 def effect_scales(problem: Problem) -> Scales:
     """Magnitudes (SI) that the sizes of effects are scaled by, from the logs and the rig."""
     rig, motor = problem.rig, problem.rig.motor
@@ -273,6 +281,7 @@ def effect_scales(problem: Problem) -> Scales:
         repeated_turns=turned_repeatedly(problem),
         periods=resolved_periods(problem),
         edges=any(signal.edges for signal in problem.signals),
+        shown_amp=amp - SHOWN_SIGMAS * current_sigma(problem),
         duration=float(max(t[-1] - t[0] for t in times)),
         interval=interval,
         least_delay=least_delay,
