@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from vgroove.errors import VgrooveError
+from vgroove.real_time.board_clock import BoardClock
 from vgroove.real_time.frames import (
-    CLOCK_COUNT_S,
     DRIVE,
     SENSE_A,
     TICK_S,
@@ -58,23 +58,6 @@ class RealTimeRun:
     safe_ticks: list[int] = field(default_factory=list)
     prioritised: bool = False
     pauses: Pauses | None = None
-
-
-class BoardClock:
-    """The board's clock in s from the low byte of its tick counter and the count within the tick;
-    it is less than 128 ms from one frame to the next, or the host was that late.
-    """
-
-    def __init__(self) -> None:
-        self._ticks: int | None = None
-
-    def seconds(self, drive: Drive) -> float:
-        """Time at which the tick of a frame began, from the first frame's tick on."""
-        if self._ticks is None:
-            self._ticks = drive.clock_tick
-            self._first = drive.clock_tick
-        self._ticks += (drive.clock_tick - self._ticks) % 256
-        return (self._ticks - self._first) * TICK_S + drive.clock_count * CLOCK_COUNT_S
 
 
 class _Host:
@@ -168,17 +151,18 @@ class _Host:
         self._sent.pop(drive.tick, None)
         inputs = self._tool.inputs(drive.tick + AHEAD)
         step_s = time.perf_counter() - begin
+        sent_s = time.monotonic()
         self._send(inputs)
-        exchange = Exchange(
-            drive.tick,
-            received_s,
-            time.monotonic(),
-            step_s,
-            self._clock.seconds(drive),
-        )
-        self._run.exchanges.append(exchange)
+        board_s = self._board_s(drive, received_s)
+        self._run.exchanges.append(Exchange(drive.tick, received_s, sent_s, step_s, board_s))
         self._next = drive.tick + 1
         self._tool.prepare()
+
+    def _board_s(self, drive: Drive, received_s: float) -> float:
+        exchanges, safe = self._run.exchanges, self._run.safe_ticks
+        waited = drive.tick - 1 in safe[-2:]
+        sent_s = exchanges[-AHEAD].sent_s if len(exchanges) >= AHEAD else received_s
+        return self._clock.seconds(drive, waited, sent_s, received_s)
 
     def _send(self, inputs: TickInputs) -> None:
         commands = self._tool.command_frames(inputs.tick)
