@@ -14,6 +14,7 @@ from can.interfaces.serial.serial_can import SerialBus
 
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
+from vgroove.port_lock import PortLock
 
 if os.name == "posix":
     import fcntl
@@ -94,8 +95,8 @@ class PortReader:
 
 class ResyncBus(SerialBus):
     """python-can's serial bus whose `recv` continues with the next intact frame after damage;
-    `framer` counts what it skipped. Bytes are read by another process
-    (PortReader).
+    `framer` counts what it skipped. Bytes are read by another process (PortReader). VgrooveError
+    where another program uses the port.
     """
 
     def __init__(
@@ -103,14 +104,17 @@ class ResyncBus(SerialBus):
     ) -> None:
         self.framer = telemetry.Framer()
         self._received: deque[telemetry.Frame] = deque()
-        super().__init__(channel, baudrate=baudrate, timeout=timeout, **kwargs)
-        with suppress(AttributeError, NotImplementedError):
-            self._ser.exclusive = True
-        self._timeout_s = timeout
+        self._lock, self._timeout_s = PortLock(channel), timeout
+        try:
+            super().__init__(channel, baudrate=baudrate, timeout=timeout, **kwargs)
+        except BaseException:
+            self._lock.release()
+            raise
         try:
             self._reader = PortReader(self._ser)
         except OSError as error:
             super().shutdown()
+            self._lock.release()
             raise can.CanInitializationError(f"could not read from serial: {error}") from error
 
     def read_frames(self) -> list[telemetry.Frame]:
@@ -128,6 +132,7 @@ class ResyncBus(SerialBus):
         if hasattr(self, "_reader"):
             self._reader.stop()
         super().shutdown()
+        self._lock.release()
 
     def write(self, data: bytes) -> None:
         """Send bytes to the board; CanOperationError when the port is lost."""

@@ -7,6 +7,7 @@ import os
 import random
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -377,6 +378,31 @@ def test_a_silent_line_is_named(tmp_path: Path) -> None:
     gone = vgroove("hil", scenario, "--port", board.port)
     os.close(held)
     assert gone.returncode == 2 and "cannot be opened" in gone.stderr
+
+
+def test_a_port_in_use_is_named_and_the_first_run_goes_on(tmp_path: Path) -> None:
+    scenario, second = scenario_of("impact_hard_joint", 0.36), []
+    commands = (
+        ["hil", short(tmp_path, 0.5), "--port"],
+        ["record", "-o", tmp_path / "second.csv", "--baud", "250000"],
+    )
+
+    with PacedBoard(hil_elf()) as board:
+        link = SerialLink(board.port)
+
+        def start_second() -> None:
+            second.extend(vgroove(*command, board.port) for command in commands)
+
+        thread = threading.Thread(target=start_second)
+        thread.start()
+        run = run_in_time(lambda: run_on(link, scenario))
+        thread.join()
+        link.close()
+        SerialLink(board.port).close()
+    assert_equal_to_lockstep(run, scenario)
+    assert [done.returncode for done in second] == [2, 2]
+    for done in second:
+        assert f"{board.port}: the port is in use by another program" in done.stderr
 
 
 def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import can
 import serial
 
 from vgroove.errors import VgrooveError
+from vgroove.port_lock import PortLock
 from vgroove.real_time.frames import BAUD, DRIVE
 from vgroove.telemetry import OUTBOUND, Counters, Frame, Framer, frame_bytes, frame_crc
 
@@ -39,14 +40,18 @@ class Link(Protocol):
 
 
 class SerialLink:
-    """RS232 at 1 MBd. VgrooveError when the port cannot be opened or is lost."""
+    """RS232 at 1 MBd. VgrooveError when the port cannot be opened, is in use by another program, or
+    is lost.
+    """
 
     def __init__(self, port: str, baud: int = BAUD) -> None:
         self.name, self.counters = f"{port} at {baud} Bd", Counters()
         self._framer = Framer(self.counters, KNOWN_IDS)
+        self._lock = PortLock(port)
         try:
             self._port = serial.Serial(port, baud, timeout=0.0, write_timeout=1.0)
         except (serial.SerialException, OSError, ValueError, OverflowError) as error:
+            self._lock.release()
             raise VgrooveError(f"{port}: the port cannot be opened: {error}.") from error
         self._descriptor = self._port.fileno() if os.name == "posix" else None
 
@@ -79,6 +84,7 @@ class SerialLink:
     def close(self) -> None:
         """Close the port."""
         self._port.close()
+        self._lock.release()
 
 
 class BusLink:
