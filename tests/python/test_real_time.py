@@ -5,6 +5,7 @@ with damaged and lost frames and a late host; the safe state; codecs; figures; t
 import json
 import os
 import random
+import signal
 import subprocess
 import sys
 import threading
@@ -12,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import can
 import cantools
@@ -32,7 +34,7 @@ from vgroove.real_time import (
     run_in_real_time,
     timing_figures,
 )
-from vgroove.real_time.figures import fit_clock, late_sentence, timing_rows
+from vgroove.real_time.figures import clock_sentence, fit_clock, late_sentence, timing_rows
 from vgroove.real_time.frames import DRIVE, SENSE_A, drive_of, sense_frames
 from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.scenario import Scenario, command_messages, make_plant, read_scenario
@@ -312,6 +314,15 @@ def test_waits_and_latency_are_counted() -> None:
     assert figures["jitter_s"]["worst"] == pytest.approx(3e-3, abs=5e-4)
 
 
+class Ended(NamedTuple):
+    """A run of the command that ended early: exit code, reason in its JSON file, output."""
+
+    code: int
+    reason: str
+    out: str
+    errors: str
+
+
 def vgroove(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*VGROOVE, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
@@ -354,6 +365,8 @@ def test_the_command_writes_log_figures_and_times(tmp_path: Path) -> None:
     assert "from command to answer in ticks" in done.stdout
     figures = json.loads((tmp_path / "hil.json").read_text())
     assert figures["schema"] == "vgroove.hil/1" and figures["exchanges"] == 500
+    assert figures["planned_exchanges"] == 500 and figures["ended"] == "complete"
+    assert "exchanges in" not in done.stderr
     assert set(figures["jitter_s"]) == {"median", "99 %", "99.9 %", "worst"}
     assert len((tmp_path / "times.csv").read_text().splitlines()) == 501
     assert vgroove("run", scenario, "-o", tmp_path / "sil.csv").returncode == 0
@@ -405,25 +418,57 @@ def test_a_port_in_use_is_named_and_the_first_run_goes_on(tmp_path: Path) -> Non
         assert f"{board.port}: the port is in use by another program" in done.stderr
 
 
-def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path) -> None:
-    scenario = short(tmp_path, 60.0)
-    with PacedBoard(hil_elf(), 1.0) as board:
-        command = [
-            *VGROOVE,
-            "hil",
-            str(scenario),
-            "--port",
-            board.port,
-            "-o",
-            str(tmp_path / "hil.csv"),
-        ]
-        host = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+def ended_run(folder: Path, end: Callable[[PacedBoard, subprocess.Popen[str]], object]) -> Ended:
+    """A run of 60 s of the board's clock that is ended after 6 s of the host's."""
+    output, json_path = folder / "hil.csv", folder / "hil.json"
+    with PacedBoard(hil_elf(), 0.3) as board:
+        command = [*VGROOVE, "hil", short(folder, 60.0), "--port", board.port, "-o", output]
+        host = subprocess.Popen(
+            [*map(str, command), "--json", str(json_path)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         time.sleep(6.0)
-        board.stop()
-        _, errors = host.communicate(timeout=30)
-    assert host.returncode == 2
-    assert "was lost" in errors or "no command since tick" in errors
-    assert len((tmp_path / "hil.csv").read_text().splitlines()) > 50
+        end(board, host)
+        out, errors = host.communicate(timeout=30)
+    figures = json.loads(json_path.read_text())
+    assert len(output.read_text().splitlines()) > 50
+    assert figures["planned_exchanges"] == 60_000 and 50 < figures["exchanges"] < 10_000
+    ended, count = figures["ended"], figures["exchanges"]
+    assert f"{ended}: {count} of 60000 exchanges in {output}, {json_path}" in errors
+    return Ended(host.returncode, ended, out, errors)
+
+
+def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path) -> None:
+    done = ended_run(tmp_path, lambda board, _: board.stop())
+    assert done.code == 2
+    assert "was lost" in done.errors or "no command since tick" in done.errors
+    assert done.reason in ("port lost", "board silent")
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_an_interrupted_run_is_marked_and_keeps_what_was_sent(
+    tmp_path: Path, number: signal.Signals, code: int
+) -> None:
+    done = ended_run(tmp_path, lambda _, host: host.send_signal(number))
+    assert (done.code, done.reason) == (code, "interrupted")
+    assert "Traceback" not in done.errors
+    assert "the board's clock runs at 0.30 of the host's" in done.out and "ppm" not in done.out
+
+
+@pytest.mark.parametrize(
+    ("drift", "text"),
+    [
+        (35e-6, "drift 35.0 ppm against"),
+        (-0.09, "drift -90000.0 ppm against"),
+        (1.0 / 0.3 - 1.0, "the board's clock runs at 0.30 of the host's"),
+        (1.0 / 1.5 - 1.0, "the board's clock runs at 1.50 of the host's"),
+    ],
+)
+def test_a_rate_that_no_oscillator_has_is_named_as_a_rate(drift: float, text: str) -> None:
+    clock = {"drift": drift, "drift_ppm": 1e6 * drift, "residual_s": 1e-5}
+    assert text in clock_sentence(clock)
 
 
 def test_the_start_frame_is_one_of_sense_a() -> None:

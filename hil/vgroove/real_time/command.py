@@ -18,10 +18,15 @@ from vgroove.mode_refusals import refused_modes
 from vgroove.output import check_outputs, write_all
 from vgroove.page import Table
 from vgroove.progress import seconds_bar
-from vgroove.real_time.exchange import RealTimeRun, run_in_real_time
-from vgroove.real_time.figures import late_sentence, timing_figures, timing_rows
+from vgroove.real_time.exchange import COMPLETE, RealTimeRun, run_in_real_time
+from vgroove.real_time.figures import (
+    clock_sentence,
+    late_sentence,
+    timing_figures,
+    timing_rows,
+)
 from vgroove.real_time.frames import TICK_S
-from vgroove.real_time.link import BusLink, Link, SerialLink
+from vgroove.real_time.link import BusLink, Link, RunEnded, SerialLink
 from vgroove.real_time.priority import workers_prioritised
 from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.recording_files import file_type
@@ -88,7 +93,8 @@ def run_hil(scenario: Scenario, options: HilOptions, errors: Console) -> None:
                 tool = ToolTicks(scenario)
                 with workers_prioritised() if options.kernel_workers else nullcontext():
                     run_in_real_time(link, tool, ticks, run, lambda k: bar.move_to(k * TICK_S))
-        except (VgrooveError, KeyboardInterrupt, Terminated):
+        except (VgrooveError, KeyboardInterrupt, Terminated) as error:
+            run.ended = _reason(error)
             _write(run, options, errors)
             raise
     figures = _write(run, options, errors)
@@ -103,12 +109,30 @@ def run_hil(scenario: Scenario, options: HilOptions, errors: Console) -> None:
         )
 
 
+def _reason(error: BaseException) -> str:
+    """Why a run ended before its last exchange."""
+    if isinstance(error, RunEnded):
+        return error.reason
+    return "error" if isinstance(error, VgrooveError) else "interrupted"
+
+
+def _print_end(run: RealTimeRun, options: HilOptions, errors: Console) -> None:
+    """Say how many exchanges of an incomplete run the files hold."""
+    if run.ended == COMPLETE or len(run.exchanges) < 2:
+        return
+    paths = (options.output, options.json_path, options.timing)
+    files = ", ".join(str(path) for path in paths if path)
+    text = f"{run.ended}: {len(run.exchanges)} of {run.planned} exchanges"
+    print_line(errors, f"{text} in {files}" if files else text)
+
+
 def _write(run: RealTimeRun, options: HilOptions, errors: Console) -> dict[str, Any]:
     """Write log, figures and times; print the figures. Returns these."""
     if options.output and run.telemetry:
         log = RunLog(options.output)
         log.add(bytes(run.telemetry))
         print_line(errors, f"{log.close()} rows in {options.output}")
+    _print_end(run, options, errors)
     if len(run.exchanges) < 2:
         return {}
     figures = timing_figures(run)
@@ -144,13 +168,11 @@ def _table(figures: dict[str, Any]) -> Table:
 
 
 def _lines(figures: dict[str, Any]) -> list[str]:
-    clock = figures["clock"]
     priority = "with" if figures["real_time_priority"] else "without"
     return [
         f"{late_sentence(figures)}; the board waited for {figures['held_ticks']} ms altogether "
         f"({priority} real-time priority)",
         f"damaged frames {figures['frames_damaged']}, bytes of no frame "
         f"{figures['bytes_skipped']}, inputs sent again {figures['sent_again']} times",
-        f"clock of the board: drift {clock['drift_ppm']:.1f} ppm against the host's, "
-        f"{1e3 * clock['residual_s']:.3f} ms about the line",
+        clock_sentence(figures["clock"]),
     ]

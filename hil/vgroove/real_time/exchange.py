@@ -17,7 +17,7 @@ from vgroove.real_time.frames import (
     drive_of,
     sense_frames,
 )
-from vgroove.real_time.link import Link
+from vgroove.real_time.link import Link, RunEnded
 from vgroove.real_time.pauses import Pauses, watch_pauses
 from vgroove.real_time.priority import undisturbed
 from vgroove.real_time.tool_ticks import ToolTicks
@@ -28,6 +28,7 @@ START_AGAIN_S = 0.05
 WAIT_S = 1e-3
 SEND_AGAIN_TICKS = 2.5  # of the board without an answer: inputs or answer are lost
 SILENT_S = 1.0
+COMPLETE = "complete"
 AHEAD = 2  # a command acts from the next tick on: the inputs that follow are of the one after it
 
 
@@ -48,7 +49,8 @@ class Exchange:
 class RealTimeRun:
     """What a run has received: exchanges in the order of ticks, the telemetry's bytes, damage, how
     often inputs were sent again, and the ticks after which the board opened the bridge because
-    inputs were missing. `pauses` is None where they were not watched.
+    inputs were missing. `pauses` is None where they were not watched. `planned`: number of
+    exchanges of the whole run; `ended`: why the run ended.
     """
 
     exchanges: list[Exchange] = field(default_factory=list)
@@ -58,6 +60,8 @@ class RealTimeRun:
     safe_ticks: list[int] = field(default_factory=list)
     prioritised: bool = False
     pauses: Pauses | None = None
+    planned: int = 0
+    ended: str = COMPLETE
 
 
 class _Host:
@@ -112,10 +116,11 @@ class _Host:
                 if self._next // 100 != before // 100:
                     progress(self._next)
             elif now - moved_s > SILENT_S:
-                raise VgrooveError(
+                raise RunEnded(
                     f"{self._link.name}: the board has sent no command since tick "
                     f"{self._next - 1} ({SILENT_S:g} s ago): check line and power; what was "
-                    "received until then is kept"
+                    "received until then is kept",
+                    "board silent",
                 )
             elif now - sent_s > SEND_AGAIN_TICKS * self._tick_s():
                 sent_s = now
@@ -188,7 +193,7 @@ def run_in_real_time(
     silent.
     """
     host = _Host(link, tool, ticks, run)
-    run.counters = link.counters
+    run.counters, run.planned = link.counters, ticks
     with watch_pauses() as run.pauses:
         host.start()
         link.counters.__init__()

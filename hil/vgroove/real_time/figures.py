@@ -13,6 +13,7 @@ from vgroove.real_time.frames import TICK_S
 
 QUANTILES = (("median", 50.0), ("99 %", 99.0), ("99.9 %", 99.9), ("worst", 100.0))
 WINDOW = 250  # exchanges; the least delay of each enters the fit of the clocks
+MAX_DRIFT = 0.1  # above that of any oscillator: an RC oscillator of an AVR has 10 %
 LISTED = 20  # late steps named one by one
 
 
@@ -67,6 +68,8 @@ def timing_figures(run: RealTimeRun) -> dict[str, Any]:
     corrupt, skipped = run.counters.corrupt, run.counters.skipped_bytes
     return {
         "exchanges": len(exchanges),
+        "planned_exchanges": run.planned,
+        "ended": run.ended,
         "period_s": quantiles(period),
         "jitter_s": quantiles(np.abs(period - np.median(period))),
         "step_s": quantiles(np.array([e.step_s for e in exchanges])),
@@ -104,6 +107,17 @@ def timing_rows(exchanges: Sequence[Exchange], clock: dict[str, float]) -> list[
         delay = e.received_s - corrected
         rows.append([e.tick, e.received_s - first, e.board_s, corrected - first, delay, e.step_s])
     return rows
+
+
+def clock_sentence(clock: dict[str, float]) -> str:
+    """The drift of the board's clock in ppm, or its rate where no oscillator drifts that much (a
+    simulated board with --pace).
+    """
+    residual = f"{1e3 * clock['residual_s']:.3f} ms about the line"
+    if abs(clock["drift"]) > MAX_DRIFT:
+        rate = 1.0 / (1.0 + clock["drift"])
+        return f"the board's clock runs at {rate:.2f} of the host's, {residual}"
+    return f"clock of the board: drift {clock['drift_ppm']:.1f} ppm against the host's, {residual}"
 
 
 def late_sentence(figures: dict[str, Any]) -> str:

@@ -20,6 +20,14 @@ READ_BYTES = 4096
 NEAR_TICKS = (0, -1, 1)
 
 
+class RunEnded(VgrooveError):
+    """The end of a run before its last exchange. reason: in two words, for the run's file."""
+
+    def __init__(self, text: str, reason: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
 class Link(Protocol):
     """A line to a board; `counters` counts damage."""
 
@@ -40,8 +48,8 @@ class Link(Protocol):
 
 
 class SerialLink:
-    """RS232 at 1 MBd. VgrooveError when the port cannot be opened, is in use by another program, or
-    is lost.
+    """RS232 at 1 MBd. VgrooveError when the port cannot be opened or is in use by another program,
+    RunEnded when it is lost.
     """
 
     def __init__(self, port: str, baud: int = BAUD) -> None:
@@ -60,14 +68,14 @@ class SerialLink:
         try:
             self._port.write(b"".join(frame_bytes(frame) for frame in frames))
         except (serial.SerialException, OSError) as error:
-            raise VgrooveError(f"{self.name}: the port was lost: {error}.") from error
+            raise RunEnded(f"{self.name}: the port was lost: {error}.", "port lost") from error
 
     def receive(self, timeout_s: float) -> list[Frame]:
         """Frames completed by the bytes that arrive within `timeout_s`."""
         try:
             return self._framer.feed(self._read(timeout_s))
         except (serial.SerialException, OSError, TypeError) as error:
-            raise VgrooveError(f"{self.name}: the port was lost: {error}.") from error
+            raise RunEnded(f"{self.name}: the port was lost: {error}.", "port lost") from error
 
     def _read(self, timeout_s: float) -> bytes:
         if self._descriptor is None:
@@ -112,7 +120,7 @@ class BusLink:
             for frame in frames:
                 self._bus.send(frame.message())
         except (can.CanError, OSError) as error:
-            raise VgrooveError(f"{self.name}: the bus was lost: {error}.") from error
+            raise RunEnded(f"{self.name}: the bus was lost: {error}.", "bus lost") from error
 
     def receive(self, timeout_s: float) -> list[Frame]:
         """Intact frames of a board that arrive within `timeout_s`."""
@@ -125,7 +133,7 @@ class BusLink:
                     return frames
                 frames += self._intact(message)
         except (can.CanError, OSError) as error:
-            raise VgrooveError(f"{self.name}: the bus was lost: {error}.") from error
+            raise RunEnded(f"{self.name}: the bus was lost: {error}.", "bus lost") from error
 
     def _intact(self, message: can.Message) -> list[Frame]:
         data = bytes(message.data)
