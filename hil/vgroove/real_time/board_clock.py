@@ -1,7 +1,7 @@
 """The board's clock from its DRIVE frames, which carry the low byte of its tick counter."""
 
 from collections import deque
-from statistics import median
+from statistics import median_high
 
 from vgroove.real_time.frames import CLOCK_COUNT_S, TICK_S, Drive
 
@@ -76,6 +76,6 @@ class BoardClock:
         (begin_host_s, begin_board_s), *_ = self._span
         if host_s > begin_host_s:
             self._rates.append((board_s - begin_board_s) / (host_s - begin_host_s))
-            self._rate = median(self._rates)
+            self._rate = median_high(self._rates)  # an answer read late lowers the rate
             self._prompt = max(self._span, key=lambda at: at[1] - self._rate * at[0])
         self._span = [(host_s, board_s)]
