@@ -436,9 +436,7 @@ def sim(
         _refuse_without_log({**given, "--map": maps or None, "--as-is": as_is or None})
         figures, simulated, table = _sim_scenario(tool, seconds)
     files = [(json_path, json_text(figures, allow_nan=True))] if json_path else []
-    if output:
-        files.append((output, csv_bytes(simulated())))
-    write_all(files)
+    write_all(files + ([(output, csv_bytes(simulated()))] if output else []))
     out.print(table)
 
 

@@ -26,10 +26,8 @@ class BoardClock:
         self._span: list[tuple[float, float]] = []  # host clock and board clock, s
         self._rates: deque[float] = deque(maxlen=RATES)
         self._rate = 0.0
-        self._prompt = (
-            0.0,
-            0.0,
-        )  # the exchange of the last span that was received with least delay
+        # host clock and board clock, s, of the last span's exchange of the least delay
+        self._prompt = (0.0, 0.0)
 
     def seconds(self, drive: Drive, waited: bool, sent_s: float, received_s: float) -> float:
         """Time at which the tick of a frame began. waited: the board has opened the bridge because
