@@ -18,7 +18,8 @@ from vgroove.gap.log_check.finding import Finding, LogCheck
 from vgroove.gap.log_check.plausible import plausibility_findings, rate_finding
 from vgroove.gap.log_check.row_convention import with_convention
 from vgroove.gap.log_check.same_log import refuse_same_log
-from vgroove.gap.residual.impact.impact_run import clean_impact_log, prepare_impact_run
+from vgroove.gap.residual.clean_log import clean_log
+from vgroove.gap.residual.impact.impact_run import prepare_impact_run
 from vgroove.log import Log
 from vgroove.rig import Rig
 
@@ -30,8 +31,7 @@ OVERRIDE = "--as-is, in Python as_is=True, uses the log as it is"
 def check_log(log: Log, rig: Rig | None = None) -> LogCheck:
     """Facts and findings of a log, with a rig also those that compare it with its simulation.
 
-    VgrooveError where the column that drives the model is missing or cannot have driven the tool,
-    and where the impacts of a hammering tool's log cannot be compared with the simulation.
+    VgrooveError where the column that drives the model is missing or cannot have driven the tool.
     """
     facts, findings = facts_of(log, rig), refusals_and_warnings(log, rig)
     if rig is not None and not any(finding.refuses for finding in findings):
@@ -41,11 +41,14 @@ def check_log(log: Log, rig: Rig | None = None) -> LogCheck:
 
 
 def impact_findings(log: Log, rig: Rig) -> list[Finding]:
-    """Warnings of the preparation of a hammering tool's log; VgrooveError where it is refused."""
+    """Warnings of the preparation of a hammering tool's log, or what refuses it."""
     if rig.mechanism["kind"] != "impact":
         return []
     known, source = set(log.warnings), f"{log.source}: "
-    warnings = prepare_impact_run(clean_impact_log(log, rig)).warnings
+    try:
+        warnings = prepare_impact_run(clean_log(log, rig)).warnings
+    except VgrooveError as error:
+        return [Finding(str(error).removeprefix(source), refuses=True)]
     return [Finding(w.removeprefix(source), warns=True) for w in warnings if w not in known]
 
 

@@ -131,12 +131,12 @@ def _blow_findings(log: Log, rig: Rig) -> list[Finding]:
     """
     if rig.mechanism["kind"] != "none" or "blow_count" not in log.columns:
         return []
-    count = np.nanmax(log.columns["blow_count"], initial=0.0)
+    count = float(np.maximum(np.diff(hold_last_value(log.columns["blow_count"])), 0.0).sum())
     command = hold_last_value(log.columns.get(rig.input["kind"], np.zeros(len(log))))
     driven_s = float(np.sum(np.diff(log.time_s)[command[1:] != 0.0]))
     if count < max(MIN_BLOWS, RULES.least_hz * driven_s):
         return []
-    text = f'column blow_count: reaches {count:.0f}: the tool hammers, but mechanism.kind is "none"'
+    text = f'column blow_count: {count:.0f} blows: the tool hammers, but mechanism.kind is "none"'
     return [Finding(f"{text}: is the rig that of another tool?", refuses=True)]
 
 

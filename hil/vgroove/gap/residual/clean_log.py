@@ -15,6 +15,7 @@ from vgroove.gap.cleaning.lost_rows import insert_lost_rows
 from vgroove.gap.cleaning.missing_values import has_values
 from vgroove.gap.cleaning.sensor_noise import SensorNoise, common_noise, noise_of
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
+from vgroove.gap.residual.impact.missing_rows import with_even_rows
 from vgroove.gap.residual.restarts import restart_interval_s, usual_restart_s
 from vgroove.rig import Rig
 
@@ -78,7 +79,10 @@ def clean_log(log: Any, rig: Rig, restart_s: float | None = None) -> CleanLog:
     where the logger lost some. restart_s: requested time between restarts of the model.
     """
     log = remove_dead_samples(log, rig)
-    log = insert_lost_rows(correct_time_stamps(log, stamp_contradictions(log, rig)), rig)
+    log = correct_time_stamps(log, stamp_contradictions(log, rig))
+    if rig.mechanism["kind"] == "impact":
+        log = with_even_rows(log, rig.input["kind"])
+    log = insert_lost_rows(log, rig)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     time_s = np.asarray(log.time_s, dtype=float)
     noise = noise_of(rig, time_s, columns)

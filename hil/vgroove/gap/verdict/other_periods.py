@@ -32,12 +32,14 @@ OTHER = OtherPeriods()
 def needs_its_period(search: Search, best: Fit, effect_id: str, without: Fit, gain: float) -> bool:
     """Whether a torque of no other period closes more than OTHER.max_gain of the squared gap that a
     member gains. without: the set fitted without it. True for effects without a period, and where
-    the log tells no other period apart.
+    the logs, or the options, leave no effect whose number of periods is fitted.
     """
     ripple = fitted_ripple(search)
     if effect_id not in PERIODIC or ripple is None:
         return True
-    counts = other_counts(own_count(search, best, effect_id), search.engine.scales.turns)
+    scales = search.engine.scales
+    counts = other_counts(own_count(search, best, effect_id), scales.turns)
+    counts = counts[counts <= scales.periods]
     beside = fit_without(search, without, ripple.id) if ripple.id in without.ids else without
     limit = OTHER.max_gain * gain
     return all(

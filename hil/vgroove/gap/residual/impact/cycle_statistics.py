@@ -159,6 +159,7 @@ class CycleReader:
         left = self._variances(fit, np.maximum(fit.scatter, noise) ** 2)
         values = np.where(unseen, np.nan, self.statistics(fit, False)[0])
         ratio = scatter_between_windows(values) / median_of_known(np.where(unseen, np.nan, left))
+        ratio = np.where(np.isfinite(ratio), ratio, 1.0)
         # values at the rows' ends, whose place in the cycle may be the same in all windows
         sampled = np.array([part.column in SAMPLED for part in self.parts])
         ratio = np.where(sampled, np.maximum(ratio, 1.0), ratio)
@@ -248,6 +249,6 @@ def scatter_between_windows(values: np.ndarray) -> np.ndarray:
 
 
 def median_of_known(values: np.ndarray) -> np.ndarray:
-    """Median (K,) over the first axis of values (m, K) that are not nan; 1 where all are."""
+    """Median (K,) over the first axis of values (m, K) that are not nan; nan where all are."""
     known = np.isfinite(values).any(axis=0)
-    return np.nanmedian(np.where(known, values, 1.0), axis=0)
+    return np.where(known, np.nanmedian(np.where(known, values, 0.0), axis=0), np.nan)

@@ -52,7 +52,7 @@ class CycleWindows:
     @property
     def cycle_rows(self) -> int:
         """Usual number of rows of a cycle."""
-        return round(self.rows / RULES.cycles)
+        return round(1.0 / (float(np.median(self.band_hz)) * self.row_s))
 
     def cut(self, values: np.ndarray) -> np.ndarray:
         """Values (..., rows of the log) as windows (..., W, L)."""

@@ -13,7 +13,7 @@ from vgroove import _core
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks
-from vgroove.gap.residual.clean_log import CleanLog, clean_log
+from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.impact.cycle_statistics import CycleReader, StatisticPart
 from vgroove.gap.residual.impact.cycle_windows import CycleWindows
@@ -22,17 +22,16 @@ from vgroove.gap.residual.impact.missing_rows import (
     Fill,
     fills_of,
     unseen_spans,
-    with_even_rows,
 )
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.run_up import RunUp, run_up_spans
 from vgroove.gap.residual.impact.unusable import (
     refuse_begun_hammering,
     warn_of_constant,
+    warn_of_sparse,
     without_failed_speed,
 )
 from vgroove.gap.residual.inputs import DrivingColumns, read_input
-from vgroove.rig import Rig
 
 PLACES = ("first third of the run", "second third of the run", "last third of the run")
 REST_SIGMAS = 5.0  # speed of the first row, in standard deviations, up to which the tool rests
@@ -148,26 +147,23 @@ class ImpactRun:
         return found if self.nuisance is None else self.nuisance.whitened(found)
 
 
-def clean_impact_log(log: Any, rig: Rig) -> CleanLog:
-    """A log of a hammering tool (time_s, columns, source, warnings) with even rows, cleaned."""
-    return clean_log(with_even_rows(log, rig.input["kind"]), rig)
-
-
 def prepare_impact_run(clean: CleanLog) -> ImpactRun:
     """The run-up and the statistics of the impact cycles of a cleaned log; VgrooveError where the
     log holds nothing that can be compared with the simulation.
     """
     drive = read_input(clean).columns
     values, reader = read_cycles(clean, drive.command)
-    refuse_begun_hammering(clean, reader.windows, drive.command)
     known = without_failed_speed(clean, reader, values)
     if known is not clean:
         clean = known
         values, reader = read_cycles(clean, drive.command)
+    at_rest = begins_at_rest(values, reader.noise)
+    rests = at_rest and "speed_rpm" in values
+    refuse_begun_hammering(clean, reader.windows, drive.command, rests)
     warn_of_constant(clean, values)
+    warn_of_sparse(clean, values, reader.unseen)
     pulses = clean.rig.sensors.get("hall_pulses_per_rev", 0)
     pulses = pulses if 0 < pulses < MIN_COUNTING_PULSES else 0
-    at_rest = begins_at_rest(values, reader.noise)
     run_up = run_up_spans(reader.windows, drive.command, tuple(values), pulses, at_rest)
     run = ImpactRun(
         clean.log,

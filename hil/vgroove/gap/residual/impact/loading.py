@@ -10,12 +10,11 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue.statistics import PERIOD, RUN_UP, SHAPE
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
-from vgroove.gap.residual.clean_log import with_common_noise
+from vgroove.gap.residual.clean_log import clean_log, with_common_noise
 from vgroove.gap.residual.impact.cycle_statistics import StatisticPart
 from vgroove.gap.residual.impact.impact_run import (
     PLACES,
     ImpactRun,
-    clean_impact_log,
     prepare_impact_run,
 )
 from vgroove.gap.residual.impact.problem import OF_LOG, ImpactProblem, OwnValue
@@ -38,7 +37,7 @@ def load_impact_problem(
     """
     tools = list(joints) or [rig] * len(logs)
     runs, starts, nominal = [], [], []
-    cleaned = with_common_noise([clean_impact_log(*pair) for pair in zip(logs, tools, strict=True)])
+    cleaned = with_common_noise([clean_log(*pair) for pair in zip(logs, tools, strict=True)])
     for log, tool in zip(cleaned, tools, strict=True):
         run = prepare_impact_run(log)
         nominal.append(_nominal(run, tool.parameters()))

@@ -20,6 +20,7 @@ from vgroove.gap.residual.impact.cycle_statistics import (
     REFERENCES,
     CycleReader,
     is_periodic,
+    median_of_known,
     statistic_parts,
 )
 from vgroove.gap.residual.impact.cycle_windows import RULES, CycleWindows, cut_windows
@@ -97,16 +98,17 @@ def reader_of(
     trial = CycleReader(windows, noise, names[0], (), unseen)
     fit = trial.fit({name: column[None] for name, column in values.items()})
     scatter = np.where(unseen, np.nan, fit.scatter)
-    scatter[scatter == 0.0] = np.nan
+    size = np.where(unseen, np.nan, np.abs(fit.amplitude[:, :, 0]))
+    left, clearest = median_of_known(scatter.T), median_of_known(size.T)
     clear = {
-        name: float(np.nanmedian(np.abs(fit.amplitude[k, :, 0]) / scatter[k]))
+        name: float(clearest[k] / left[k])
         for k, name in enumerate(names)
-        if name in REFERENCES and np.isfinite(scatter[k]).any()
+        if name in REFERENCES and left[k] > 0.0
     }
     if not clear:
         raise VgrooveError(
-            f"{log.source}: nothing to judge: {' and '.join(n for n in REFERENCES if n in names)} "
-            "never change or lack too many samples"
+            f"{log.source}: nothing to judge: no value changes, or too many samples are missing, "
+            f"in {', '.join(n for n in REFERENCES if n in names)}"
         )
     reference = max(clear, key=lambda n: clear[n])
     found = {name: is_periodic(fit, names.index(name), windows) for name in clear}

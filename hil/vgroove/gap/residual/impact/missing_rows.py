@@ -37,7 +37,7 @@ class Fill:
         """Values (B, n) of a simulation with the rows on those lines; n may be less than the rows
         of the log.
         """
-        known = self.after < values.shape[1]
+        known = np.maximum(self.rows, self.after) < values.shape[1]
         rows, weight = self.rows[known], self.weight[known]
         out = values.copy()
         line = (1.0 - weight) * values[:, self.before[known]]
@@ -91,6 +91,16 @@ def run_lengths(mask: np.ndarray) -> np.ndarray:
     return out
 
 
+def skipped_rows(intervals: np.ndarray) -> np.ndarray:
+    """Rows (n,) that are missing within each interval (n,). An interval is taken together with the
+    shorter of its neighbours, because a stamp that is late makes the next interval shorter.
+    """
+    usual = float(np.median(intervals))
+    beside = np.minimum(np.append(intervals[1:], usual), np.insert(intervals[:-1], 0, usual))
+    short = np.minimum(beside, usual)
+    return np.maximum(np.round((intervals + short) / usual).astype(int) - 2, 0)
+
+
 def with_even_rows(log: Log, command: str) -> Log:
     """The log with empty rows, equally spaced, where its time stamps skip some: windows of a
     hammering log are counted in rows. The column `command` is interpolated, because the model is
@@ -98,13 +108,13 @@ def with_even_rows(log: Log, command: str) -> Log:
     """
     time_s = np.asarray(log.time_s, float)
     intervals = np.diff(time_s)
-    skipped = np.maximum(np.round(intervals / np.median(intervals)).astype(int) - 1, 0)
+    skipped = skipped_rows(intervals)
     if not skipped.any():
         return log
     if skipped.sum() > MOST_GROWTH * len(time_s):
         raise VgrooveError(
-            f"{log.source}: {intervals[skipped > 0].sum():.4g} s in all are missing between the "
-            "rows: keep one run of the tool (--from, --to)"
+            f"{log.source}: rows are missing for {intervals[skipped > 0].sum():.4g} s, more than "
+            f"{MOST_GROWTH:g} times as many as there are: keep one run of the tool (--from, --to)"
         )
     after = np.repeat(np.arange(1, len(time_s)), skipped)
     number = np.arange(1, len(after) + 1) - np.repeat(np.cumsum(skipped) - skipped, skipped)

@@ -1,6 +1,6 @@
 """What makes a hammering tool's log, or a column of it, unusable although it has enough impacts."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +8,7 @@ import scipy.ndimage
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.missing_values import hold_last_value
+from vgroove.gap.cleaning.sensor_noise import noise_of
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.impact.cycle_statistics import REFERENCES, CycleReader, is_periodic
 from vgroove.gap.residual.impact.cycle_windows import CycleWindows
@@ -15,9 +16,14 @@ from vgroove.gap.residual.impact.cycle_windows import CycleWindows
 FIXED = "locked"  # the kind of joint whose head does not turn
 
 
-def refuse_begun_hammering(log: CleanLog, windows: CycleWindows, command: np.ndarray) -> None:
-    """VgrooveError for a log that begins while the tool hammers. command: (rows,)."""
-    if command[0] != 0.0 and windows.periodic[0] and log.rig.load["kind"] != FIXED:
+def refuse_begun_hammering(
+    log: CleanLog, windows: CycleWindows, command: np.ndarray, rests: bool
+) -> None:
+    """VgrooveError for a log that begins while the tool hammers. command: (rows,); rests: whether
+    the log shows that the shaft rests in its first row.
+    """
+    hammers = command[0] != 0.0 and windows.periodic[0] and not rests
+    if hammers and log.rig.load["kind"] != FIXED:
         raise VgrooveError(
             f"{log.source}: the first rows show a tool that hammers already; how far the joint is "
             "tightened there is not known. Begin the log (and --from) before the trigger is pulled"
@@ -30,6 +36,16 @@ def warn_of_constant(log: CleanLog, values: Mapping[str, np.ndarray]) -> None:
         if np.ptp(column) == 0.0 and np.ptp(hold_last_value(log.columns[log.kind])) > 0.0:
             log.warn(
                 f"the column {name} reads {column[0]:.4g} throughout: is its sensor connected?"
+            )
+
+
+def warn_of_sparse(log: CleanLog, names: Iterable[str], unseen: np.ndarray) -> None:
+    """Warn of a judged column of whose windows (S, W) most lack samples."""
+    for name, windows in zip(names, unseen, strict=True):
+        if 2 * np.count_nonzero(windows) > len(windows):
+            log.warn(
+                f"{name}: {np.count_nonzero(windows)} of {len(windows)} windows lack samples for "
+                "more than an eighth of a cycle in a row; they are not judged"
             )
 
 
@@ -51,10 +67,15 @@ def without_failed_speed(
     first = windows.first[np.argmax(dead)]
     zeros, _ = scipy.ndimage.label(speed == 0.0)
     failed = np.isin(zeros, zeros[windows.first[dead]])
-    columns = log.columns | {"speed_rpm": np.where(failed, np.nan, speed)}
-    known = replace(log, columns=columns, log=replace(log.log, columns=columns))
+    columns = log.columns | {"speed_rpm": np.where(failed, np.nan, log.columns["speed_rpm"])}
+    known = replace(
+        log,
+        columns=columns,
+        noise=noise_of(log.rig, log.time_s, columns),
+        log=replace(log.log, columns=columns),
+    )
     known.warn(
-        f"speed_rpm reads 0 from {log.time_s[first]:.4g} s on, for {np.count_nonzero(dead)} of "
-        f"{windows.count} windows, while the tool hammers: it is taken as missing there"
+        f"speed_rpm reads 0 in {np.count_nonzero(dead)} of {windows.count} windows, first at "
+        f"{log.time_s[first]:.4g} s, while the tool hammers: it is taken as missing there"
     )
     return known
