@@ -95,6 +95,18 @@ def profile(time_s: np.ndarray, levels: list[tuple[float, float]], slew_per_s: f
 LEVELS = [(0.3, 0.35), (1.0, 0.8), (1.8, 0.5), (2.6, 1.0), (3.4, 0.25), (4.2, 0.7), (5.2, 0.4)]
 
 
+def held_run(tool: Rig, command: np.ndarray, row_s: float, fine: int) -> dict[str, np.ndarray]:
+    """Angle, rad, and current, A, of a tool that starts at rest, every row_s / fine; each value of
+    the command (rows,) acts from its row to the next.
+    """
+    driving = np.repeat(command, fine)[: (len(command) - 1) * fine + 1]
+    fine_s = np.arange(len(driving)) * row_s / fine
+    drive = _core.LogInput(fine_s, tool.input["kind"], np.append(driving[:1], driving[:-1]))
+    start = np.array([0]), np.zeros((1, 3))
+    found = _core.simulate_log(drive, tool.parameters()[None], *start)
+    return {name: found[name][0] for name in ("angle_rad", "current_a")}
+
+
 def drive_log(
     tool: Rig,
     seed: int = 1,

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from made_log import MadeLog
-from vgroove import _core
+from made_log import MadeLog, held_run
 from vgroove.gap import diagnose
 from vgroove.gap.residual.coarse_angle import AngleSamples, angle_samples
 from vgroove.gap.residual.loading import load_problem
@@ -60,24 +59,12 @@ def servo(effects: dict[str, dict[str, float]] | None = None, **motor: float) ->
     )
 
 
-def simulated(tool: Rig, command: np.ndarray) -> dict[str, np.ndarray]:
-    """Angle, rad, and current, A, of a tool that starts at rest, every ROW_S / FINE; each value of
-    the command (rows,) acts from its row to the next.
-    """
-    driving = np.repeat(command, FINE)[: (len(command) - 1) * FINE + 1]
-    fine_s = np.arange(len(driving)) * ROW_S / FINE
-    drive = _core.LogInput(fine_s, tool.input["kind"], np.append(driving[:1], driving[:-1]))
-    start = np.array([0]), np.zeros((1, 3))
-    found = _core.simulate_log(drive, tool.parameters()[None], *start)
-    return {name: found[name][0] for name in ("angle_rad", "current_a")}
-
-
 def servo_log(tool: Rig, first_rad: float = 0.3 * STEP_RAD) -> MadeLog:
     """Log of a tool with rounded-down angles; first_rad: its angle at the start."""
     time_s = ROW_S * np.arange(round(END_S / ROW_S) + 1)
     switched, levels = np.array(LEVELS).T
     command = np.append(0.0, levels)[np.searchsorted(switched, time_s, side="right")]
-    angle = simulated(tool, command)["angle_rad"][::FINE]
+    angle = held_run(tool, command, ROW_S, FINE)["angle_rad"][::FINE]
     reading = np.floor((angle + first_rad) / STEP_RAD) * STEP_RAD
     return MadeLog(time_s, {"voltage_v": command, "position_rad": reading})
 
@@ -175,7 +162,7 @@ def test_effects_are_named_from_such_an_angle_alone(
 
 def test_an_error_of_the_restart_speed_is_no_gap_in_the_current_beside_the_angle() -> None:
     log = servo_log(servo())
-    current = simulated(servo(), log.columns["voltage_v"])["current_a"]
+    current = held_run(servo(), log.columns["voltage_v"], ROW_S, FINE)["current_a"]
     means = np.append(current[:1], current[1:].reshape(-1, FINE).mean(axis=1))
     noisy = means + 0.02 * np.random.default_rng(3).standard_normal(len(means))
     rig = replace(servo(), sensors=servo().sensors | {"current_noise_a": 0.02})
@@ -210,7 +197,7 @@ def axis_log(tool: Rig) -> MadeLog:
     """Log of an axis that is driven to and fro."""
     time_s = ROW_S * np.arange(round(4.0 / ROW_S) + 1)
     command = AMPERE * np.sign(np.sin(2.0 * np.pi * time_s / TURN_S + 0.4))
-    angle = simulated(tool, command)["angle_rad"][::FINE]
+    angle = held_run(tool, command, ROW_S, FINE)["angle_rad"][::FINE]
     reading = np.floor(angle / ENCODER_RAD) * ENCODER_RAD
     return MadeLog(time_s, {"current_a": command, "position_rad": reading})
 

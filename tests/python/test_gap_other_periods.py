@@ -7,8 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from made_log import MadeLog
-from vgroove import _core
+from made_log import MadeLog, held_run
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.selection.options import DiagnosisOptions
@@ -57,14 +56,7 @@ def drawn_log(tool: Rig, rng: np.random.Generator, disturbance_v: float = 0.0) -
     command = np.repeat(levels, LEVEL_ROWS)[: ROWS + 1]
     rates = 2.0 * np.pi * rng.uniform(0.3, 6.0, 16)[:, None]
     hidden = disturbance_v * np.sin(rates * time_s + rng.uniform(0.0, 6.0, (16, 1))).sum(axis=0)
-    driving = np.repeat(command + hidden, FINE)[: ROWS * FINE + 1]
-    drive = _core.LogInput(
-        np.arange(ROWS * FINE + 1) * ROW_S / FINE,
-        "voltage_v",
-        np.append(driving[:1], driving[:-1]),
-    )
-    start = np.array([0]), np.zeros((1, 3))
-    angle = _core.simulate_log(drive, tool.parameters()[None], *start)["angle_rad"][0][::FINE]
+    angle = held_run(tool, command + hidden, ROW_S, FINE)["angle_rad"][::FINE]
     noisy = angle + NOISE_RAD * rng.standard_normal(ROWS + 1)
     return MadeLog(
         time_s, {"voltage_v": command, "position_rad": np.round(noisy / STEP_RAD) * STEP_RAD}

@@ -103,7 +103,7 @@ def test_samples_that_are_missing_beside_a_failed_speed_stay_missing(whole: Log)
 
 @pytest.mark.parametrize("seed", range(10))
 def test_missing_rows_and_samples_make_no_gap(whole: Log, seed: int) -> None:
-    """Wherever they lie: rows without a stamp, or samples of some columns."""
+    """At drawn places: whole rows are missing, or the samples of some columns."""
     rng = np.random.default_rng(seed)
     start_s = rng.uniform(0.02, 1.4)
     missing = (whole.time_s >= start_s) & (whole.time_s < start_s + rng.uniform(0.003, 0.3))

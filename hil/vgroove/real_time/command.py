@@ -117,7 +117,7 @@ def _reason(error: BaseException) -> str:
 
 
 def _print_end(run: RealTimeRun, options: HilOptions, errors: Console) -> None:
-    """Say how many exchanges of an incomplete run the files hold."""
+    """Print why an incomplete run ended and how many of its exchanges are in its files."""
     if run.ended == COMPLETE or len(run.exchanges) < 2:
         return
     paths = (options.output, options.json_path, options.timing)

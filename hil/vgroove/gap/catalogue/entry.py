@@ -30,10 +30,9 @@ class Scales:
     of the rig's simulation. turns: of the motor between the outermost angles of a log;
     repeated_turns: the same, larger where the motor turns back over them (repeated_range()).
     periods: the largest number of periods a motor turn that the rows resolve.
-    edges: whether the speed column is made from Hall edges. shown_amp: the 99th
-    percentile of the current (A), three standard deviations of its noise less (not above 0: not
-    known). least: the share that is left of
-    a value of the rig at the lower end of its tolerance, by rig key.
+    edges: whether the speed column is made from Hall edges. shown_amp: the 99th percentile of the
+    current (A), three standard deviations of its noise less (not above 0: not known). least: the
+    share that is left of a value of the rig at the lower end of its tolerance, by rig key.
     """
 
     volt: float

@@ -124,16 +124,18 @@ def candidate_shifts(
     return run.pitch_rad * found
 
 
+def periods_per_rev(problem: MeasuredProblem, theta: np.ndarray, effect: str) -> float:
+    """Periods a motor turn of a periodic effect with the values of theta (P,)."""
+    return PERIODIC[effect].periods_per_rev(
+        lambda name: float(theta[problem.index(f"effects.{effect}.{name}")]),
+        problem.rig.gearbox["ratio"],
+    )
+
+
 def fewest_periods_per_rev(problem: MeasuredProblem, theta: np.ndarray) -> float:
     """Fewest periods a motor turn of the periodic effects that theta (P,) switches on."""
-
-    def periods(effect: str) -> float:
-        return PERIODIC[effect].periods_per_rev(
-            lambda name: float(theta[problem.index(f"effects.{effect}.{name}")]),
-            problem.rig.gearbox["ratio"],
-        )
-
-    return min(map(periods, active_periodic_effects(problem, theta)))
+    active = active_periodic_effects(problem, theta)
+    return min(periods_per_rev(problem, theta, effect) for effect in active)
 
 
 def align_angles(

@@ -53,23 +53,13 @@ def build_channels(log: CleanLog, edges: EdgePeriods | None) -> list[Channel]:
     ]
     found = [channel for channel in built if channel is not None and len(channel.row)]
     for channel in found:
-        _warn_of_dead_sensor(log, channel)
+        log.warn_of_dead_sensor(channel.column, channel.measured)
     if not found:
         raise VgrooveError(
             f"{log.source}: nothing to judge: besides the input {log.kind} no column that the "
             "model predicts"
         )
     return found
-
-
-def _warn_of_dead_sensor(log: CleanLog, channel: Channel) -> None:
-    """Warn of a column that does not change while the command does."""
-    if np.ptp(channel.measured) != 0.0 or not np.ptp(hold_last_value(log.columns[log.kind])) > 0.0:
-        return
-    log.warnings.append(
-        f"the column {channel.column} reads {channel.measured[0]:.4g} throughout: is its sensor "
-        "connected?"
-    )
 
 
 def _current(log: CleanLog) -> RowChannel | None:

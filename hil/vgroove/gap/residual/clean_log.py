@@ -12,7 +12,7 @@ from vgroove.gap.cleaning.dead_samples import remove_dead_samples
 from vgroove.gap.cleaning.logging_interval import logging_interval_s
 from vgroove.gap.cleaning.long_logs import is_thinned, without_thinned
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
-from vgroove.gap.cleaning.missing_values import has_values
+from vgroove.gap.cleaning.missing_values import has_values, hold_last_value
 from vgroove.gap.cleaning.sensor_noise import SensorNoise, common_noise, noise_of
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.gap.residual.impact.missing_rows import with_even_rows
@@ -72,6 +72,15 @@ class CleanLog:
     def warn(self, sentence: str) -> None:
         """Add a sentence about this log for the user."""
         self.warnings.append(f"{self.source}: {sentence}")
+
+    def warn_of_dead_sensor(self, column: str, measured: np.ndarray) -> None:
+        """Warn of a column, whose measured values (n,) are compared, that does not change while the
+        command does.
+        """
+        if np.ptp(measured) == 0.0 and np.ptp(hold_last_value(self.columns[self.kind])) > 0.0:
+            self.warnings.append(
+                f"the column {column} reads {measured[0]:.4g} throughout: is its sensor connected?"
+            )
 
 
 def clean_log(log: Any, rig: Rig, restart_s: float | None = None) -> CleanLog:

@@ -124,9 +124,9 @@ def refit_at_wider_bounds(search: Search) -> None:
 
 
 def leaves_bound(one: Fit, wider: Hypothesis) -> bool:
-    """Whether a number of a fit lies at a bound of the search and inside the bounds of a hypothesis
-    that was widened. It stays at its bound where a limit in practice (widest_low, widest_high of
-    the catalogue) stops the widening.
+    """Whether wider bounds free a fit: one of its numbers lies at a bound of the search, but inside
+    the bounds of the wider hypothesis. It does not where the catalogue limits how far the bound is
+    widened (widest_low, widest_high).
     """
     pairs = zip(one.hypothesis.coordinates, wider.coordinates, one.x, strict=True)
     return any(

@@ -8,6 +8,7 @@ import numpy as np
 
 from vgroove.gap.catalogue import PERIODIC, Effect
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.residual.angle_alignment import periods_per_rev
 from vgroove.gap.selection.candidate_sets import fit_without
 from vgroove.gap.selection.extension import differentiate_added, starts_beside
 from vgroove.gap.selection.search_state import Search
@@ -17,8 +18,9 @@ from vgroove.gap.verdict.consistency import further_gain
 
 @dataclass(frozen=True)
 class OtherPeriods:
-    """The other periods that are tried, and the largest gain of one that leaves the member
-    established. Chosen on tuning cases of the blind set and on measured logs (docs/gap_bench.md).
+    """Which other numbers of periods are tried in place of a member's own, and how much one of them
+    may gain if the member is to be established. Chosen on tuning cases of the blind set and on
+    measured logs (docs/gap_bench.md).
     """
 
     count: int = 12  # of more and of fewer periods each, in equal ratios
@@ -37,8 +39,8 @@ def needs_its_period(search: Search, best: Fit, effect_id: str, without: Fit, ga
     ripple = fitted_ripple(search)
     if effect_id not in PERIODIC or ripple is None:
         return True
-    scales = search.engine.scales
-    counts = other_counts(own_count(search, best, effect_id), scales.turns)
+    scales, theta = search.engine.scales, best.theta(search.problem.theta0)
+    counts = other_counts(periods_per_rev(search.problem, theta, effect_id), scales.turns)
     counts = counts[counts <= scales.periods]
     beside = fit_without(search, without, ripple.id) if ripple.id in without.ids else without
     limit = OTHER.max_gain * gain
@@ -53,18 +55,10 @@ def fitted_ripple(search: Search) -> Effect | None:
     return next((e for e in search.effects if e.periodic and e.periodic.is_fitted), None)
 
 
-def own_count(search: Search, best: Fit, effect_id: str) -> float:
-    """Periods a motor turn of a member of a set."""
-    theta = best.theta(search.problem.theta0)
-    return PERIODIC[effect_id].periods_per_rev(
-        lambda name: float(theta[search.problem.index(f"effects.{effect_id}.{name}")]),
-        search.problem.rig.gearbox["ratio"],
-    )
-
-
 def other_counts(own: float, turns: float) -> np.ndarray:
-    """Numbers of periods a motor turn (k,) around `own` that a log of so many turns tells apart
-    from it: they differ by a period or more over the log.
+    """Other numbers of periods a motor turn (k,), larger and smaller than `own`. Over a log of so
+    many turns each of them passes at least one period more or less than `own`: closer ones follow
+    the log as well.
     """
     ratios = np.geomspace(1.0, OTHER.largest_ratio, OTHER.count + 1)[1:]
     counts = own * np.concatenate([1.0 / ratios[::-1], ratios])

@@ -79,7 +79,7 @@ class CycleReader:
     noise: dict[str, float]
     reference: str
     parts: tuple[StatisticPart, ...]
-    unseen: np.ndarray
+    incomplete: np.ndarray
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -155,10 +155,11 @@ class CycleReader:
         infinite for what describes a cycle in windows without one, and where samples are missing.
         """
         noise = np.array(list(self.noise.values()))[:, None]
-        least, unseen = self.noise_variances(fit), self._unseen_parts()
+        least, incomplete = self.noise_variances(fit), self._incomplete_parts()
         left = self._variances(fit, np.maximum(fit.scatter, noise) ** 2)
-        values = np.where(unseen, np.nan, self.statistics(fit, False)[0])
-        ratio = scatter_between_windows(values) / median_of_known(np.where(unseen, np.nan, left))
+        values = np.where(incomplete, np.nan, self.statistics(fit, False)[0])
+        usual = median_of_known(np.where(incomplete, np.nan, left))
+        ratio = scatter_between_windows(values) / usual
         ratio = np.where(np.isfinite(ratio), ratio, 1.0)
         # values at the rows' ends, whose place in the cycle may be the same in all windows
         sampled = np.array([part.column in SAMPLED for part in self.parts])
@@ -166,14 +167,15 @@ class CycleReader:
         found = np.maximum(left * ratio, least)
         of_cycle = np.array([part.kind not in (LEVEL, RISE) for part in self.parts])
         found[np.ix_(~self.windows.periodic, of_cycle)] = np.inf
-        found[unseen] = np.inf
+        found[incomplete] = np.inf
         return found
 
-    def _unseen_parts(self) -> np.ndarray:
-        """Statistics (W, K) that a window cannot have, because its column lacks samples there; the
-        period is known as long as one reference has all, a shape only beside its own reference.
+    def _incomplete_parts(self) -> np.ndarray:
+        """Whether each statistic (W, K) cannot be judged in a window because samples are missing
+        there: in its own column; of a shape, also in the column that gives the phase; of the
+        period, in every column that could give it.
         """
-        of = dict(zip(self.columns, self.unseen, strict=True))
+        of = dict(zip(self.columns, self.incomplete, strict=True))
         period = np.logical_and.reduce([of[name] for name in REFERENCES if name in of])
         found = []
         for part in self.parts:

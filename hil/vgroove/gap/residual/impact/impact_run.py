@@ -18,16 +18,11 @@ from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.impact.cycle_statistics import CycleReader, StatisticPart
 from vgroove.gap.residual.impact.cycle_windows import CycleWindows
 from vgroove.gap.residual.impact.log_cycles import read_cycles
-from vgroove.gap.residual.impact.missing_rows import (
-    Fill,
-    fills_of,
-    unseen_spans,
-)
+from vgroove.gap.residual.impact.missing_rows import Fill, fills_of, incomplete_spans
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.run_up import RunUp, run_up_spans
 from vgroove.gap.residual.impact.unusable import (
     refuse_begun_hammering,
-    warn_of_constant,
     warn_of_sparse,
     without_failed_speed,
 )
@@ -160,8 +155,9 @@ def prepare_impact_run(clean: CleanLog) -> ImpactRun:
     at_rest = begins_at_rest(values, reader.noise)
     rests = at_rest and "speed_rpm" in values
     refuse_begun_hammering(clean, reader.windows, drive.command, rests)
-    warn_of_constant(clean, values)
-    warn_of_sparse(clean, values, reader.unseen)
+    for name, column in values.items():
+        clean.warn_of_dead_sensor(name, column)
+    warn_of_sparse(clean, values, reader.incomplete)
     pulses = clean.rig.sensors.get("hall_pulses_per_rev", 0)
     pulses = pulses if 0 < pulses < MIN_COUNTING_PULSES else 0
     run_up = run_up_spans(reader.windows, drive.command, tuple(values), pulses, at_rest)
@@ -199,18 +195,19 @@ def own_sigma(run: ImpactRun, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     replaced = run.windows.first + 1 < run_up.end_row
     variance[replaced] = np.inf
     spans = run_up.sigma(run_up.means(columns)[0], reader.noise)
-    spans[unseen_in_run_up(run)] = np.inf
+    spans[incomplete_in_run_up(run)] = np.inf
     return np.concatenate([np.sqrt(variance).T.ravel(), spans.ravel()])
 
 
-def unseen_in_run_up(run: ImpactRun) -> np.ndarray:
-    """Spans (C, M) of the run-up in which a column lacks samples, and all after one in which every
-    column does: rows are missing there, and what the command did in them is not known.
+def incomplete_in_run_up(run: ImpactRun) -> np.ndarray:
+    """Whether each of M spans of the run-up cannot be judged in each of C columns (C, M): the
+    column lacks samples there, or all columns did in an earlier span. Whole rows are missing then,
+    and with them the command that the rest of the run-up follows.
     """
     run_up, cycle = run.run_up, run.windows.cycle_rows
     columns = [run.log.columns[name] for name in run_up.columns]
-    unseen = np.stack([unseen_spans(run_up.first, run_up.rows, cycle, c) for c in columns])
-    return unseen | np.logical_or.accumulate(unseen.all(axis=0))
+    incomplete = np.stack([incomplete_spans(run_up.first, run_up.rows, cycle, c) for c in columns])
+    return incomplete | np.logical_or.accumulate(incomplete.all(axis=0))
 
 
 def white_sigma(run: ImpactRun) -> np.ndarray:

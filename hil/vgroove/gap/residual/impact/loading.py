@@ -12,11 +12,7 @@ from vgroove.gap.catalogue.statistics import PERIOD, RUN_UP, SHAPE
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.clean_log import clean_log, with_common_noise
 from vgroove.gap.residual.impact.cycle_statistics import StatisticPart
-from vgroove.gap.residual.impact.impact_run import (
-    PLACES,
-    ImpactRun,
-    prepare_impact_run,
-)
+from vgroove.gap.residual.impact.impact_run import PLACES, ImpactRun, prepare_impact_run
 from vgroove.gap.residual.impact.problem import OF_LOG, ImpactProblem, OwnValue
 from vgroove.gap.residual.impact.roll_outs import MODE, PARAMETERS
 from vgroove.gap.residual.impact.start_angle import START

@@ -24,7 +24,7 @@ from vgroove.gap.residual.impact.cycle_statistics import (
     statistic_parts,
 )
 from vgroove.gap.residual.impact.cycle_windows import RULES, CycleWindows, cut_windows
-from vgroove.gap.residual.impact.missing_rows import unseen_windows
+from vgroove.gap.residual.impact.missing_rows import incomplete_windows
 from vgroove.rig import Rig
 
 SENSED = ("current_a", "speed_rpm", "supply_v")
@@ -32,8 +32,9 @@ MIN_SIGMA = 1e-9  # of a column without noise
 
 
 def read_cycles(clean: CleanLog, command: np.ndarray) -> tuple[dict[str, np.ndarray], CycleReader]:
-    """The judged columns (rows,) of a log, missing samples interpolated, and the reader of their
-    cycles; VgrooveError where there are none.
+    """The judged columns (rows,) of a log by name, with missing samples interpolated, and what
+    computes the statistics of their cycles. command: (rows,). VgrooveError where no column can be
+    judged.
     """
     values = judged_columns(clean)
     if not {"current_a", "speed_rpm"} & set(values):
@@ -43,8 +44,8 @@ def read_cycles(clean: CleanLog, command: np.ndarray) -> tuple[dict[str, np.ndar
         )
     noise = {name: column_noise(clean, name, values[name]) for name in values}
     windows = windows_of(clean, command, values, noise)
-    unseen = np.stack([unseen_windows(windows, clean.columns[name]) for name in values])
-    return values, reader_of(clean, windows, values, noise, unseen)
+    incomplete = np.stack([incomplete_windows(windows, clean.columns[name]) for name in values])
+    return values, reader_of(clean, windows, values, noise, incomplete)
 
 
 def judged_columns(log: CleanLog) -> dict[str, np.ndarray]:
@@ -89,16 +90,17 @@ def reader_of(
     windows: CycleWindows,
     values: dict[str, np.ndarray],
     noise: dict[str, float],
-    unseen: np.ndarray,
+    incomplete: np.ndarray,
 ) -> CycleReader:
-    """The reader whose phase comes from the column with the clearest fundamental; unseen (S, W):
-    windows of each column that lack samples.
+    """What computes the statistics of windows. Their phase is that of the fundamental of one
+    column, the one in which it is largest against the rest; incomplete (S, W): windows of each
+    column that lack samples.
     """
     names = tuple(values)
-    trial = CycleReader(windows, noise, names[0], (), unseen)
+    trial = CycleReader(windows, noise, names[0], (), incomplete)
     fit = trial.fit({name: column[None] for name, column in values.items()})
-    scatter = np.where(unseen, np.nan, fit.scatter)
-    size = np.where(unseen, np.nan, np.abs(fit.amplitude[:, :, 0]))
+    scatter = np.where(incomplete, np.nan, fit.scatter)
+    size = np.where(incomplete, np.nan, np.abs(fit.amplitude[:, :, 0]))
     left, clearest = median_of_known(scatter.T), median_of_known(size.T)
     clear = {
         name: float(clearest[k] / left[k])
@@ -113,10 +115,10 @@ def reader_of(
     reference = max(clear, key=lambda n: clear[n])
     found = {name: is_periodic(fit, names.index(name), windows) for name in clear}
     other = np.logical_or.reduce([found[name] for name in clear])
-    periodic = np.where(unseen[names.index(reference)], other, found[reference])
+    periodic = np.where(incomplete[names.index(reference)], other, found[reference])
     windows = replace(windows, periodic=periodic)
     noise = noise_of_cycles(log.rig, noise, names, scatter[:, windows.periodic])
-    return CycleReader(windows, noise, reference, statistic_parts(names, reference), unseen)
+    return CycleReader(windows, noise, reference, statistic_parts(names, reference), incomplete)
 
 
 def noise_of_cycles(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.ndimage
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.missing_values import hold_last_value
@@ -55,7 +56,9 @@ def fills_of(time_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str,
 
 
 def _fill(time_s: np.ndarray, known: np.ndarray) -> Fill:
-    """The straight lines over the rows that are not known (n,); at the ends the nearest value."""
+    """Linear interpolation for the rows without a value; known (n,): which rows have one. Before
+    the first and after the last of these their values are held.
+    """
     places, rows = np.flatnonzero(known), np.flatnonzero(~known)
     at = np.searchsorted(places, rows)
     before, after = places[np.maximum(at - 1, 0)], places[np.minimum(at, len(places) - 1)]
@@ -64,17 +67,18 @@ def _fill(time_s: np.ndarray, known: np.ndarray) -> Fill:
     return Fill(rows, before, after, np.clip(weight, 0.0, 1.0))
 
 
-def unseen_windows(windows: CycleWindows, values: np.ndarray) -> np.ndarray:
-    """Windows (W,) in which, or within a cycle beside which, a column (n,) lacks more samples in a
-    row than a straight line may replace.
+def incomplete_windows(windows: CycleWindows, values: np.ndarray) -> np.ndarray:
+    """Whether each window (W,), or one cycle before or after it, has a longer run of missing
+    samples in a column (n,) than may be interpolated.
     """
     cycle = windows.cycle_rows
-    return unseen_spans(windows.first - cycle, windows.rows + 2 * cycle, cycle, values)
+    return incomplete_spans(windows.first - cycle, windows.rows + 2 * cycle, cycle, values)
 
 
-def unseen_spans(first: np.ndarray, rows: int, cycle: int, values: np.ndarray) -> np.ndarray:
-    """Spans (M,) of `rows` rows from the rows `first` on in which a column (n,) lacks more samples
-    in a row than a straight line may replace; cycle: rows of an impact cycle.
+def incomplete_spans(first: np.ndarray, rows: int, cycle: int, values: np.ndarray) -> np.ndarray:
+    """Whether each span (M,) has a longer run of missing samples in a column (n,) than may be
+    interpolated. A span has `rows` rows, the first of which are given as first (M,); cycle: rows of
+    an impact cycle.
     """
     long = run_lengths(~np.isfinite(values)) > LONGEST_PART * cycle
     count = np.concatenate([[0], np.cumsum(long)])
@@ -84,11 +88,8 @@ def unseen_spans(first: np.ndarray, rows: int, cycle: int, values: np.ndarray) -
 
 def run_lengths(mask: np.ndarray) -> np.ndarray:
     """Length of the run of True in which each row (n,) lies, 0 where it is False."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    out = np.zeros(len(mask), int)
-    for start, end in edges.reshape(-1, 2):
-        out[start:end] = end - start
-    return out
+    runs, _ = scipy.ndimage.label(mask)
+    return np.where(mask, np.bincount(runs)[runs], 0)
 
 
 def skipped_rows(intervals: np.ndarray) -> np.ndarray:
@@ -128,9 +129,4 @@ def with_even_rows(log: Log, command: str) -> Log:
     if command in columns:
         columns[command] = np.interp(every_s, time_s, hold_last_value(log.columns[command]))
     warning = f"{log.source}: {len(after)} rows are missing; they are inserted without values"
-    return replace(
-        log,
-        time_s=every_s,
-        columns=columns,
-        warnings=[*log.warnings, warning],
-    )
+    return replace(log, time_s=every_s, columns=columns, warnings=[*log.warnings, warning])

@@ -1,13 +1,12 @@
 """What makes a hammering tool's log, or a column of it, unusable although it has enough impacts."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.gap.cleaning.sensor_noise import noise_of
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.impact.cycle_statistics import REFERENCES, CycleReader, is_periodic
@@ -30,18 +29,9 @@ def refuse_begun_hammering(
         )
 
 
-def warn_of_constant(log: CleanLog, values: Mapping[str, np.ndarray]) -> None:
-    """Warn of a judged column (rows,) that does not change while the command does."""
-    for name, column in values.items():
-        if np.ptp(column) == 0.0 and np.ptp(hold_last_value(log.columns[log.kind])) > 0.0:
-            log.warn(
-                f"the column {name} reads {column[0]:.4g} throughout: is its sensor connected?"
-            )
-
-
-def warn_of_sparse(log: CleanLog, names: Iterable[str], unseen: np.ndarray) -> None:
+def warn_of_sparse(log: CleanLog, names: Iterable[str], incomplete: np.ndarray) -> None:
     """Warn of a judged column of whose windows (S, W) most lack samples."""
-    for name, windows in zip(names, unseen, strict=True):
+    for name, windows in zip(names, incomplete, strict=True):
         if 2 * np.count_nonzero(windows) > len(windows):
             log.warn(
                 f"{name}: {np.count_nonzero(windows)} of {len(windows)} windows lack samples for "
@@ -59,9 +49,12 @@ def without_failed_speed(
     speed, others = values.get("speed_rpm"), set(REFERENCES) & set(values) - {"speed_rpm"}
     if speed is None or not others:
         return log
-    windows, fit = reader.windows, reader.fit({name: c[None] for name, c in values.items()})
-    hammers = [is_periodic(fit, reader.columns.index(name), windows) for name in others]
-    dead = np.logical_or.reduce(hammers) & (windows.cut(speed) == 0.0).all(axis=1)
+    windows = reader.windows
+    dead = (windows.cut(speed) == 0.0).all(axis=1)
+    if dead.any():
+        fit = reader.fit({name: column[None] for name, column in values.items()})
+        hammers = [is_periodic(fit, reader.columns.index(name), windows) for name in others]
+        dead &= np.logical_or.reduce(hammers)
     if not dead.any():
         return log
     first = windows.first[np.argmax(dead)]
