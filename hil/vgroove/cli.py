@@ -99,7 +99,9 @@ CheckRig = Annotated[
 ]
 CheckLogs = Annotated[
     list[Path] | None,
-    typer.Option("--log", help="On a board: an earlier log, checked before the run; repeatable."),
+    typer.Option(
+        "--log", help="On a board: an earlier log, checked before the run; may be repeated."
+    ),
 ]
 bench_app = typer.Typer(
     no_args_is_help=True,
@@ -398,8 +400,8 @@ def sim(
     restart_s: Annotated[
         float | None,
         typer.Option(
-            help="With --log: seconds after which the model restarts from measured states. Without "
-            "it 0.25 s; for a speed under a measured current a quarter of the log, 0.25 to 1 s."
+            help="With --log: seconds after which the model restarts from measured states; "
+            "default: docs/spec/gap.md, section 5."
         ),
     ] = None,
     seconds: Annotated[

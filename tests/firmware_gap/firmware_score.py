@@ -91,7 +91,7 @@ def main(arguments: list[str]) -> int:
     sys.path.insert(0, str(PROOF))
     from proof import commit
 
-    command = f"tests/firmware_gap/firmware_score.py FOLDER --set {args.half}"
+    command = f"python tests/firmware_gap/firmware_score.py FOLDER --set {args.half}"
     result = {"commit": commit(), "command": command, "set": args.half, **figures(rows)}
     text = json.dumps(result | {"cases": rows}, indent=1) + "\n"
     if args.json:

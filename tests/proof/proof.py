@@ -208,7 +208,7 @@ def main(arguments: list[str]) -> int:
     at = commit()
     RESULTS.mkdir(parents=True, exist_ok=True)
     for name in [name for asked in args.names or PROOFS for name in GROUPS.get(asked, [asked])]:
-        result = {"commit": at, "command": f"tests/proof/proof.py {name}"} | PROOFS[name](
+        result = {"commit": at, "command": f"python tests/proof/proof.py {name}"} | PROOFS[name](
             ROOT / "build" / "proof" / at, args.jobs
         )
         (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

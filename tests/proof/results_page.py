@@ -237,7 +237,7 @@ def firmware(name: str) -> list[str]:
         "",
         f"Commit {result['commit']}; right answers, with 95 % intervals, of",
         f"`{result['command']}`",
-        "on the cases of `tests/firmware_gap/firmware_bench.py make FOLDER` for that half:",
+        "on the cases of `python tests/firmware_gap/firmware_bench.py make FOLDER` for that half:",
         "",
         *table(("cases", "share"), [(text, rate(result[key])) for key, text in words.items()]),
     ]

@@ -38,7 +38,7 @@ def control_command(
         typer.Option(
             "--part",
             help="blows, blows_drawn, sync, sync_drawn, screwing, screwing_drawn, vibration, "
-            "vibration_drawn, torque, torque_drawn, torque_adapted, drill; again for more. "
+            "vibration_drawn, torque, torque_drawn, torque_adapted, drill; may be repeated. "
             "Without: all.",
         ),
     ] = None,
@@ -96,7 +96,12 @@ def control_command(
 def figures_command(
     folder: Annotated[Path, typer.Argument(help="Where the figures go, e.g. docs/images.")],
     part: Annotated[
-        list[str] | None, typer.Option("--part", help="As in `bench control`. Without: all.")
+        list[str] | None,
+        typer.Option(
+            "--part",
+            help="blows, sync, screwing, vibration, torque or drill; may be repeated. "
+            "Without: all.",
+        ),
     ] = None,
 ) -> None:
     """Waveforms of the controllers' pages as SVG: the same drives with and without control,

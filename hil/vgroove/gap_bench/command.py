@@ -66,7 +66,7 @@ def bench_command(
     regime: Annotated[
         list[str] | None,
         typer.Option(
-            help="exact, hard or measured (logs with disturbances); may be given again. "
+            help="exact, hard or measured (logs with disturbances); may be repeated. "
             "Without it exact and hard. With --impact exact or loose (joint or tool uncertain).",
         ),
     ] = None,
@@ -75,9 +75,9 @@ def bench_command(
         int | None,
         typer.Option(min=1, help="Only the first cases of the half; their order is random."),
     ] = None,
-    fifth: Annotated[bool, typer.Option("--fifth", help="A fifth of the half.")] = False,
+    fifth: Annotated[bool, typer.Option("--fifth", help="The first fifth of the half.")] = False,
     number: Annotated[
-        list[int] | None, typer.Option(help="These cases by number; may be given again.")
+        list[int] | None, typer.Option(help="These cases by number; may be repeated.")
     ] = None,
     removed: Annotated[
         bool,
@@ -87,7 +87,7 @@ def bench_command(
     ] = False,
     without: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID", help="As --removed, for this effect; may be given again."),
+        typer.Option(metavar="ID", help="As --removed, for this effect; may be repeated."),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cases at a time.")] = 1,
     json_path: Annotated[

@@ -7,6 +7,11 @@ from vgroove.errors import VgrooveError
 from . import BY_ID, CATALOGUE, NEEDS, SUBSYSTEMS
 from .entry import Effect, Parameter
 
+SYMBOLS = (
+    "symbols: T friction torque at the motor shaft, w and th speed and angle of the motor, d duty, "
+    "i motor current, N gear ratio, TL load torque, t time; all: docs/spec/model.md"
+)
+
 
 def effect_rows() -> list[dict[str, Any]]:
     """One dictionary an effect: what `vgroove effects --json` prints."""
@@ -52,13 +57,13 @@ def markdown_table() -> str:
 
 
 def list_lines() -> list[str]:
-    """All effects by subsystem, each with its equation."""
+    """All effects by subsystem, each with its equation; last the symbols of the equations."""
     width = max(len(effect.id) for effect in CATALOGUE)
     lines = []
     for subsystem in SUBSYSTEMS:
         lines.append(subsystem)
         lines += [f"  {e.id:{width}}  {e.equation}" for e in CATALOGUE if e.subsystem == subsystem]
-    return lines
+    return [*lines, SYMBOLS]
 
 
 def effect_lines(effect_id: str) -> list[str]:
@@ -70,7 +75,8 @@ def effect_lines(effect_id: str) -> list[str]:
     lines += [f"  remark: {row['remark']}"] if row["remark"] else []
     for p in row["parameters"]:
         part = ", fitted, not reported" if p["fitted_only"] else ""
-        lines.append(f"  {p['name']} [{p['unit']}]: {p['accepts']}; {p['neutral']} is off{part}")
+        neutral = f"{p['neutral']}: effect absent{part}"
+        lines.append(f"  {p['name']} [{p['unit']}]: {p['accepts']}; {neutral}")
     lines += [f"  {key}: {' or '.join(words)}" for key, words in row["forms"].items()]
     for title, names in (
         ("a log must hold", row["needs"]),
@@ -79,4 +85,4 @@ def effect_lines(effect_id: str) -> list[str]:
         ("acts on loads", row["loads"]),
     ):
         lines += [f"  {title}: {', '.join(names)}"] if names else []
-    return lines
+    return [*lines, f"  {SYMBOLS}"]
