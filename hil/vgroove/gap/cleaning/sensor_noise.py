@@ -1,5 +1,6 @@
 """Standard deviation of the sensors' noise: as the rig states it, or estimated from the log alone
-where the rig states none; never from a model's residual.
+where the rig states none; never from a model's residual. The error of a speed from Hall edges is in
+hall_edges/jitter.py, that of statistics of the impact cycle in residual/impact/cycle_statistics.py.
 """
 
 from collections.abc import Mapping, Sequence
