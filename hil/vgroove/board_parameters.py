@@ -8,7 +8,7 @@ import can
 import serial
 
 from vgroove import telemetry
-from vgroove.control_bench.runs import parameter
+from vgroove.eeprom_image import parameter
 from vgroove.errors import VgrooveError
 from vgroove.serial_bus import ResyncBus, open_bus
 

@@ -15,8 +15,8 @@ from vgroove.progress import ProgressBar, seconds_bar
 from vgroove.record_command import summary
 from vgroove.recorder import Recording, record
 from vgroove.run import RunOptions
-from vgroove.signals import stop_on_signals
 from vgroove.terminal import print_line, print_warning
+from vgroove.termination import stop_on_signals
 
 
 def chosen_profile(experiment: str | None, verdict: Path | None) -> RunProfile:

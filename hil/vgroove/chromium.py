@@ -12,8 +12,8 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from vgroove.errors import VgrooveError
+from vgroove.html_page import PAGE_WIDTH
 from vgroove.output import write_text
-from vgroove.page import PAGE_WIDTH
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM_LIMIT_S = 120

@@ -21,9 +21,9 @@ from vgroove.gap.batch_command import FailAbove, JunitPath
 from vgroove.gap.batch_command import app as batch_app
 from vgroove.gap_bench.command import app as blind_set_app
 from vgroove.python_can import import_without_asammdf
-from vgroove.signals import Terminated
 from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning, result_console
+from vgroove.termination import Terminated
 
 if TYPE_CHECKING:
     from rich.table import Table

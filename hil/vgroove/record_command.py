@@ -8,8 +8,8 @@ from rich.live import Live
 from vgroove.errors import VgrooveError
 from vgroove.live_view import LiveView
 from vgroove.recorder import Recording, record
-from vgroove.signals import stop_on_signals
 from vgroove.terminal import print_line, print_warning
+from vgroove.termination import stop_on_signals
 
 
 def summary(recording: Recording) -> str:

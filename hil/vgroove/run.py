@@ -21,9 +21,9 @@ from vgroove.pty_line import PtyLine
 from vgroove.recorder import recovered_text
 from vgroove.recording_files import file_type
 from vgroove.scenario import Scenario, command_messages, make_plant
-from vgroove.signals import Terminated, interrupt_on_signals, signals_held
 from vgroove.sil import SilBoard
 from vgroove.terminal import print_line, print_warning
+from vgroove.termination import Terminated, interrupt_on_signals, signals_held
 
 EEPROM_BYTES = 1024  # of the native firmware
 WRITE_INTERVAL_S = 0.25  # at which a run's log is written: what a killed run loses at most

@@ -9,7 +9,7 @@ from rich.console import Console
 from vgroove.output import STDOUT
 
 if TYPE_CHECKING:  # it loads plotly
-    from vgroove.page import Table
+    from vgroove.html_page import Table
 
 PIPED_WIDTH = 130  # columns of a table that goes into a file or a pipe
 

@@ -14,7 +14,7 @@ import numpy as np
 from vgroove import lockstep, telemetry
 from vgroove.board import PERIOD_S, AvrBoard, default_elf
 from vgroove.faults import FAULTS, FaultyBoard, Injection
-from vgroove.page import Table
+from vgroove.html_page import Table
 from vgroove.scenario import Scenario, command_messages, make_plant
 from vgroove.study.fixed_point import DRILL, MODES, drill_scenario, impact_scenario
 

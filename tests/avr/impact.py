@@ -12,7 +12,8 @@ from exercise import SettledSwitches
 from vgroove import lockstep, telemetry
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
 from vgroove.control_bench.drill import Screw, drill_rig
-from vgroove.control_bench.runs import front_ends, make_tool, mode_number, reference
+from vgroove.control_bench.runs import front_ends, make_tool, reference
+from vgroove.eeprom_image import mode_number
 from vgroove.lockstep import Profile
 from vgroove.log import Log
 from vgroove.scenario import make_plant

@@ -20,7 +20,7 @@ from unequal_pitches import PERIODS_PER_SECOND, command
 
 from vgroove import board, telemetry
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs, read_statistics
-from vgroove.control_bench.runs import eeprom_image, mode_number
+from vgroove.eeprom_image import eeprom_image, mode_number
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = Path(__file__).with_name("stress_corpus.json")

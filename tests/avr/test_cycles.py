@@ -19,7 +19,7 @@ from unequal_pitches import unequal_pitches_tape
 
 from vgroove import board, lockstep, telemetry
 from vgroove.board import AvrBoard, read_statistics
-from vgroove.control_bench.runs import eeprom_image
+from vgroove.eeprom_image import eeprom_image
 from vgroove.scenario import command_messages, make_plant, read_scenario
 
 STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"

@@ -13,7 +13,7 @@ from equality import sent_bytes
 
 from vgroove import board, telemetry
 from vgroove.board import BoardInputs, pack_inputs
-from vgroove.control_bench.runs import eeprom_image, mode_number
+from vgroove.eeprom_image import eeprom_image, mode_number
 
 ROOT = Path(__file__).resolve().parents[2]
 REST = BoardInputs((512, 740, 102, 154))  # ADC counts: 0 A, 18.5 V, trigger released, 25 degC

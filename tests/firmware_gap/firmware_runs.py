@@ -21,7 +21,8 @@ from impact_tool import ImpactTruthTool  # noqa: E402
 
 from vgroove import telemetry  # noqa: E402
 from vgroove.board import PERIOD_S, BoardInputs, BoardOutputs  # noqa: E402
-from vgroove.control_bench.runs import eeprom_image, front_ends, mode_number  # noqa: E402
+from vgroove.control_bench.runs import front_ends  # noqa: E402
+from vgroove.eeprom_image import eeprom_image, mode_number  # noqa: E402
 from vgroove.lockstep import COMPARE_TOP, LockstepOptions, Profile, steps  # noqa: E402
 from vgroove.sil import SilBoard  # noqa: E402
 

@@ -12,7 +12,7 @@ import firmware_bench
 
 import gap_bench  # isort: skip
 from bench_plan import SETS  # isort: skip
-from vgroove.control_bench.runs import parameter
+from vgroove.eeprom_image import parameter
 from vgroove.firmware_replay.claim import read_claim
 from vgroove.firmware_replay.kinds import FirmwareResult, judge_firmware
 from vgroove.gap_bench.rates import wilson

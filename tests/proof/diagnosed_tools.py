@@ -45,8 +45,9 @@ from vgroove.control_bench.draw import (  # noqa: E402
     Span,
     drawn,
 )
-from vgroove.control_bench.runs import eeprom_image, mode_number, pull  # noqa: E402
+from vgroove.control_bench.runs import pull  # noqa: E402
 from vgroove.control_bench.torque import DriveEnd  # noqa: E402
+from vgroove.eeprom_image import eeprom_image, mode_number  # noqa: E402
 from vgroove.lockstep import LockstepOptions, Profile, steps  # noqa: E402
 from vgroove.reference.rigs import with_load  # noqa: E402
 from vgroove.rig import Rig, read_rig, write_rig  # noqa: E402

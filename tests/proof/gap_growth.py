@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))
 from made_log import drive_log, rig  # noqa: E402
 from vgroove.gap import DiagnosisOptions, diagnose  # noqa: E402
 from vgroove.gap.catalogue import CATALOGUE  # noqa: E402
-from vgroove.page import Table  # noqa: E402
+from vgroove.html_page import Table  # noqa: E402
 
 EFFECT = {"viscous_friction": {"nm_s_per_rad": 2.5e-6}}
 SECONDS = (3.0, 6.0, 12.0, 24.0)  # lengths of the logs

@@ -34,22 +34,12 @@ from vgroove.control_bench.control import PARTS, Choice
 from vgroove.control_bench.figures import WAVES, image_path
 from vgroove.control_bench.goals import Goal
 from vgroove.control_bench.jobs import PLAIN, Job, Variant, run_job, run_jobs
-from vgroove.control_bench.runs import (
-    PULL_S,
-    AbsentError,
-    Run,
-    RunPlan,
-    eeprom_image,
-    parameter,
-    pull,
-    reference,
-    run_plan,
-    sil_run,
-)
+from vgroove.control_bench.runs import PULL_S, Run, RunPlan, pull, reference, run_plan, sil_run
 from vgroove.control_bench.waves import POINTS, range_of, wave_picture
+from vgroove.eeprom_image import AbsentError, eeprom_image, parameter
 from vgroove.errors import VgrooveError
+from vgroove.html_page import thin
 from vgroove.lockstep import Profile
-from vgroove.page import thin
 from vgroove.reference.joints import REFERENCE_JOINTS
 
 ROOT = Path(__file__).resolve().parents[2]

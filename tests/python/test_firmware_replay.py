@@ -21,8 +21,8 @@ from vgroove.firmware_replay.kinds import judge_firmware
 from vgroove.firmware_replay.rows import replay_rows
 from vgroove.firmware_replay.search import replay
 from vgroove.gap import command
+from vgroove.html_page import Page
 from vgroove.log import Log
-from vgroove.page import Page
 from vgroove.rig import Rig, rig_from_dict
 from vgroove.rig_template import template_text
 

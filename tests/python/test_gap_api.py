@@ -7,7 +7,7 @@ import pytest
 
 import vgroove.gap
 
-HEAVY = ("numpy", "scipy", "plotly", "vgroove.rig", "vgroove.page")
+HEAVY = ("numpy", "scipy", "plotly", "vgroove.rig", "vgroove.html_page")
 
 
 def loaded_by(statement: str) -> set[str]:

@@ -14,7 +14,7 @@ from made_log import MadeLog, drive_log, rig
 from vgroove.gap import Gap, SignalGap, Verdict, diagnose
 from vgroove.gap.page import cards, closed_notes, differing_signals, signal_weight
 from vgroove.gap.report import summary_lines, verdict_sentence
-from vgroove.page import Note, Page, Table
+from vgroove.html_page import Note, Page, Table
 
 OTHER_SITE = "http://vgroove.invalid/other.js"
 SHORT = [(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)]

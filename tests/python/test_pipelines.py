@@ -28,7 +28,7 @@ from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.stage_shares import SHARES, StageShare
 from vgroove.log import Log, read_log, write_csv
 from vgroove.output import write_all
-from vgroove.report import SCRIPT_NAME
+from vgroove.result_files import SCRIPT_NAME
 from vgroove.rig import read_rig
 
 ROOT = Path(__file__).resolve().parents[2]

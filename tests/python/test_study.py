@@ -18,7 +18,7 @@ import pytest
 from plotly.subplots import make_subplots
 
 from browser import need_chromium, seen
-from vgroove.page import Table, legend_per_panel, style, thin
+from vgroove.html_page import Table, legend_per_panel, style, thin
 from vgroove.study.step_events import event_rows
 from vgroove.study.steps import largest_below
 

@@ -11,8 +11,8 @@ from vgroove.adapt.torque_map import image, torque_map
 from vgroove.control_bench import torque_drawn
 from vgroove.control_bench.draw import DRIVE, drawn
 from vgroove.control_bench.jobs import Figures, Job, Variant, run_jobs
-from vgroove.control_bench.runs import parameter
-from vgroove.page import Table, table_from_dicts
+from vgroove.eeprom_image import parameter
+from vgroove.html_page import Table, table_from_dicts
 from vgroove.progress import Tick
 from vgroove.rig import Rig
 

@@ -4,7 +4,7 @@ and the mechanism, computed from a rig.
 
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale
-from vgroove.control_bench.runs import parameter
+from vgroove.eeprom_image import parameter
 from vgroove.errors import VgrooveError
 from vgroove.reference.rigs import reference_rig
 from vgroove.rig import Rig

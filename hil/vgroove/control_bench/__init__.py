@@ -16,7 +16,8 @@ Importing this package alone, as every command does, loads neither numpy nor the
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vgroove.control_bench.runs import AbsentError, Run, pull, reference, sil_run
+    from vgroove.control_bench.runs import Run, pull, reference, sil_run
+    from vgroove.eeprom_image import AbsentError
 
 __all__ = ["AbsentError", "Run", "pull", "reference", "sil_run"]
 

@@ -13,11 +13,12 @@ import numpy as np
 from vgroove import telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.control_bench import drill, screwing, torque
-from vgroove.control_bench.runs import AbsentError, Run, RunPlan, pull, reference, run_plan
+from vgroove.control_bench.runs import Run, RunPlan, pull, reference, run_plan
+from vgroove.eeprom_image import AbsentError
+from vgroove.html_page import table_from_dicts
 from vgroove.lockstep import Profile
-from vgroove.page import table_from_dicts
 from vgroove.progress import step_bar
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.rig import Rig
 
 COLUMNS = [

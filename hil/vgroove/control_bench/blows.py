@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from vgroove.control_bench.jobs import Figures, Job, Variant
-from vgroove.control_bench.runs import PULL_S, AbsentError, Run, pull, reference, sil_run
+from vgroove.control_bench.runs import PULL_S, Run, pull, reference, sil_run
 from vgroove.control_bench.sets import SUPPLIES_V, half_of, seed_of
 from vgroove.control_bench.sync import MATRIX_JOINTS
+from vgroove.eeprom_image import AbsentError
 from vgroove.reference.blows import REPEAT
 
 TRIGGERS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)

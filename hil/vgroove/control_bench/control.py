@@ -34,7 +34,7 @@ from vgroove.control_bench.torque_page import torque_report
 from vgroove.control_bench.vibration_drawn_page import vibration_drawn_report
 from vgroove.control_bench.vibration_page import vibration_report
 from vgroove.progress import step_bar
-from vgroove.report import Report, join_reports
+from vgroove.result_files import Report, join_reports
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from vgroove.control_bench.draw import STRATA, seeds_line
 from vgroove.control_bench.goals import Goal, part_lines, part_report
 from vgroove.control_bench.jobs import Figures
 from vgroove.control_bench.sets import by_half
-from vgroove.page import Table
-from vgroove.report import Report
+from vgroove.html_page import Table
+from vgroove.result_files import Report
 
 ALL = "both"  # the strata of tools together
 

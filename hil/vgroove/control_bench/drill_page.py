@@ -11,9 +11,9 @@ from vgroove.control_bench.jobs import Figures, Variant, present
 from vgroove.control_bench.runs import pull
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
+from vgroove.html_page import Picture, style, table_from_dicts
 from vgroove.lockstep import Profile
-from vgroove.page import Picture, style, table_from_dicts
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.units import RPM_PER_RAD_S
 
 CLUTCH = [

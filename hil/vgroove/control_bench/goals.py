@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from vgroove.control_bench.jobs import Figures, absent_lines
-from vgroove.page import Picture, Table
-from vgroove.report import Report
+from vgroove.html_page import Picture, Table
+from vgroove.result_files import Report
 
 ROUNDING = 1e-12  # of a figure that lies on its limit
 

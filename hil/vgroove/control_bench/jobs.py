@@ -11,7 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from vgroove.control_bench.runs import AbsentError
+from vgroove.eeprom_image import AbsentError
 from vgroove.output import write_text
 from vgroove.progress import Tick
 

@@ -2,7 +2,6 @@
 states out.
 """
 
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vgroove import _core, lockstep, telemetry
+from vgroove.eeprom_image import AbsentError, eeprom_image, mode_number
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import FrontEnds, Profile
 from vgroove.reference.blows import BLOW, REBOUND
@@ -23,15 +23,10 @@ from vgroove.units import TURN_RAD
 
 PULL_S = 0.25  # of the trigger: the firmware has measured its current offset before
 PULL_RAMP_S = 0.02
-EEPROM_BYTES, SLOT_ADDRESS = 1024, 16  # firmware/app/param_store.h
 STATE_BYTES = 2000  # the first STATE frame is among so many bytes
 FLAG_DEFAULTS = 256  # STATE.flags, param_defaults: firmware/telemetry/vgroove.dbc
 # A blow as the native firmware reports it; `repeats` counts for each lug.
 REPORTED = ("time_s", "lugs", "repeats", "period_s", "mean_period_s", "spread")
-
-
-class AbsentError(VgrooveError):
-    """This firmware has no such mode or parameter."""
 
 
 def reference(
@@ -71,44 +66,6 @@ def front_ends(noise: bool = True) -> FrontEnds:
         current_noise_a=share * sensors()["current_noise_a"] * CURRENT_SAMPLES_PER_ROW**0.5,
         supply_noise_v=share * sensors()["supply_noise_v"] * SUPPLY_SAMPLES_PER_ROW**0.5,
     )
-
-
-def mode_number(mode: str | int) -> int:
-    """Number of a mode by its name in the signal list; AbsentError for an unknown name."""
-    numbers = {name: number for number, name in telemetry.value_table("STATE", "mode").items()}
-    if isinstance(mode, str) and mode not in numbers:
-        raise AbsentError(f"this firmware has no mode {mode}; it has {', '.join(numbers)}")
-    return numbers[mode] if isinstance(mode, str) else mode
-
-
-def parameter(name: str) -> telemetry.Parameter:
-    """A parameter by its name, in any case, with or without its suffix _qN; AbsentError for an
-    unknown name.
-    """
-    for entry in telemetry.parameter_list():
-        if entry.name in (name.lower(), f"{name.lower()}_q{entry.q}"):
-            return entry
-    raise AbsentError(f"this firmware has no parameter {name}")
-
-
-def eeprom_image(params: Mapping[str, float]) -> bytes:
-    """An EEPROM whose first slot holds the defaults and these parameters, in their physical units.
-
-    Raises AbsentError for an unknown parameter, VgrooveError for a value outside its range.
-    """
-    entries = telemetry.parameter_list()
-    values = {entry.name: entry.default for entry in entries}
-    for name, value in params.items():
-        entry = parameter(name)
-        raw = round(value * 2**entry.q)
-        if not entry.minimum <= raw <= entry.maximum:
-            low, high = entry.minimum / 2**entry.q, entry.maximum / 2**entry.q
-            raise VgrooveError(f"{entry.name} is {low:g} to {high:g} {entry.unit}, not {value:g}")
-        values[entry.name] = raw
-    version = max(entry.version for entry in entries)
-    slot = struct.pack(f"<BBH{len(entries)}h", version, len(entries), 1, *values.values())
-    slot += struct.pack("<H", telemetry.crc16(slot))
-    return (bytes([255]) * SLOT_ADDRESS + slot).ljust(EEPROM_BYTES, bytes([255]))
 
 
 @dataclass(frozen=True)

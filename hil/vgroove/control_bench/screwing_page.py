@@ -13,9 +13,9 @@ from vgroove.control_bench.screwing import DriveEnd
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
 from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
-from vgroove.page import Picture, style, table_from_dicts
+from vgroove.html_page import Picture, style, table_from_dicts
 from vgroove.reference.joints import REFERENCE_JOINTS
-from vgroove.report import Report
+from vgroove.result_files import Report
 
 SUMMARY = [
     ("variant", "variant"),

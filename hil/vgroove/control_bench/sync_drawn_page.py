@@ -7,8 +7,8 @@ from vgroove.control_bench.draw import NOMINAL
 from vgroove.control_bench.drawn_page import drawn_report, summaries
 from vgroove.control_bench.goals import Goal, goals_of, goals_table
 from vgroove.control_bench.jobs import PLAIN, Figures, present
-from vgroove.page import table_from_dicts
-from vgroove.report import Report
+from vgroove.html_page import table_from_dicts
+from vgroove.result_files import Report
 
 SUMMARY = [
     ("tool", "stratum"),

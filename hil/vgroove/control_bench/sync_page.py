@@ -12,8 +12,8 @@ from vgroove.control_bench.jobs import PLAIN, Figures, present
 from vgroove.control_bench.runs import pull, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
-from vgroove.page import Picture, Table, style, table_from_dicts
-from vgroove.report import Report
+from vgroove.html_page import Picture, Table, style, table_from_dicts
+from vgroove.result_files import Report
 from vgroove.units import RPM_PER_RAD_S
 
 SUMMARY = [

@@ -8,8 +8,8 @@ from vgroove.control_bench.draw import NOMINAL, STRATA, seeds_line
 from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
 from vgroove.control_bench.jobs import Figures, present
 from vgroove.control_bench.sets import by_half
-from vgroove.page import table_from_dicts
-from vgroove.report import Report
+from vgroove.html_page import table_from_dicts
+from vgroove.result_files import Report
 
 SUMMARY = [
     ("tool", "variant"),

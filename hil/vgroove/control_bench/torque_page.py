@@ -11,8 +11,8 @@ from vgroove.control_bench.jobs import PLAIN, Figures, Variant, present
 from vgroove.control_bench.runs import Run
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
-from vgroove.page import Picture, Table, style, table_from_dicts
-from vgroove.report import Report
+from vgroove.html_page import Picture, Table, style, table_from_dicts
+from vgroove.result_files import Report
 
 SUMMARY = [
     ("variant", "variant"),

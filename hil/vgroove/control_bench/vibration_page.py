@@ -11,9 +11,9 @@ from vgroove.control_bench.runs import PULL_S, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import METHOD_TITLES, methods
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
-from vgroove.page import Picture, style, table_from_dicts
+from vgroove.html_page import Picture, style, table_from_dicts
 from vgroove.reference.joints import REFERENCE_JOINTS
-from vgroove.report import Report
+from vgroove.result_files import Report
 
 SUMMARY = [
     ("variant", "variant"),

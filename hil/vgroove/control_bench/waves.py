@@ -11,9 +11,10 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.control_bench.jobs import Variant
-from vgroove.control_bench.runs import PULL_S, AbsentError, Run, RunPlan, pull, run_plan
+from vgroove.control_bench.runs import PULL_S, Run, RunPlan, pull, run_plan
+from vgroove.eeprom_image import AbsentError
+from vgroove.html_page import Picture, style, thin
 from vgroove.lockstep import Profile
-from vgroove.page import Picture, style, thin
 from vgroove.reference.blows import REPEAT
 from vgroove.rig import Rig
 

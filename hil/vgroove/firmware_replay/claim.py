@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
 
-from vgroove.control_bench.runs import eeprom_image, mode_number, parameter
+from vgroove.eeprom_image import eeprom_image, mode_number, parameter
 from vgroove.errors import VgrooveError
 
 KEYS = ("mode", "params")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vgroove import _replay, telemetry
-from vgroove.control_bench.runs import parameter
+from vgroove.eeprom_image import parameter
 from vgroove.firmware_replay.claim import FirmwareClaim
 from vgroove.firmware_replay.closed_loop import ClosedLoop
 from vgroove.firmware_replay.delay import LIMITS, actuation_delay_ms

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from vgroove.firmware_replay.closed_loop import ClosedLoop
 from vgroove.firmware_replay.kinds import FirmwareResult
-from vgroove.page import Table
+from vgroove.html_page import Table
 
 HEADER = [
     "log",

@@ -8,8 +8,8 @@ from plotly.offline import get_plotlyjs
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.cases import CaseResult, batch_table
-from vgroove.page import Link, Page
-from vgroove.report import SCRIPT_NAME
+from vgroove.html_page import Link, Page
+from vgroove.result_files import SCRIPT_NAME
 
 SUMMARY = "index.html"
 

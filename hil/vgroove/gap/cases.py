@@ -14,8 +14,8 @@ from typing import Any
 from vgroove.errors import VgrooveError
 from vgroove.gap import DiagnosisOptions, Verdict, diagnose
 from vgroove.gap.report import verdict_sentence
+from vgroove.html_page import Table
 from vgroove.log import READERS, column_map
-from vgroove.page import Table
 from vgroove.rig import read_rig, read_toml
 
 SCHEMA = "vgroove.gap_batch/1"

@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 
 from vgroove.gap.next_run.menu import PROFILE_S, profile_named
 from vgroove.gap.verdict.schema import Gap, NextExperiment, Unexplained
-from vgroove.page import Picture, style, thin
+from vgroove.html_page import Picture, style, thin
 
 MEASURED, NOMINAL, RETUNED, CORRECTED = "#30343b", "#d1495b", "#edae49", "#00798c"
 FLOOR, SHADE = "#9aa0a6", "rgba(237,174,73,0.16)"

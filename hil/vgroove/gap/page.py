@@ -16,7 +16,7 @@ from vgroove.gap.figures import (
 from vgroove.gap.report import parameter_texts, rivals_in_words, spaced_name, verdict_sentence
 from vgroove.gap.result import Verdict
 from vgroove.gap.verdict.schema import Gap, NextExperiment, Unexplained, Where
-from vgroove.page import Card, Note, Page, Part, Picture, Table
+from vgroove.html_page import Card, Note, Page, Part, Picture, Table
 
 EFFECTS_SHOWN, CORRELATES_SHOWN = 12, 8  # rows of the page; the JSON has all
 MIN_SHARE_SHOWN = 0.05  # smallest share of a further subsystem that the card WHERE lists

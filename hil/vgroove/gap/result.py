@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from vgroove.gap.residual.problem import Problem
     from vgroove.gap.selection.intervals import Estimate
     from vgroove.gap.selection.search_state import Search
-    from vgroove.page import Page
+    from vgroove.html_page import Page
     from vgroove.rig import Rig
 
 SCHEMA = "vgroove.gap/1"
@@ -102,7 +102,7 @@ class Verdict:
 
     def figures(self) -> dict[str, "go.Figure"]:
         """The figures of the page by title, as Plotly objects."""
-        from vgroove.page import Picture
+        from vgroove.html_page import Picture
 
         return {part.title: part.figure for part in self.page().parts if isinstance(part, Picture)}
 

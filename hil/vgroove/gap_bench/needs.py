@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vgroove.gap_bench.scored import Scored
-from vgroove.page import Table
+from vgroove.html_page import Table
 
 SMOOTH_PROFILES = ("ramps", "hand", "chirp")
 

@@ -6,7 +6,7 @@ import plotly.graph_objects as go
 
 from vgroove.gap_bench.needs import needs_table
 from vgroove.gap_bench.score import KINDS, POWER_EDGES
-from vgroove.page import Card, Page, Picture, Table, style
+from vgroove.html_page import Card, Page, Picture, Table, style
 
 # Goals of the project: share of right verdicts by regime and kind.
 GOALS = {

@@ -11,7 +11,6 @@ from vgroove.errors import VgrooveError
 from vgroove.log.can_files import read_asc, read_blf, read_mf4
 from vgroove.log.column_map import NO_MAP, ColumnMap, column_map
 from vgroove.log.csv_file import csv_bytes, csv_header, csv_rows, read_csv, write_csv
-from vgroove.log.frames import log_from_session, log_from_stream
 from vgroove.log.mat_file import read_mat
 from vgroove.log.parquet_file import read_parquet
 from vgroove.log.table import (
@@ -24,6 +23,7 @@ from vgroove.log.table import (
     current_is_unsigned,
 )
 from vgroove.log.tables import as_list, as_log
+from vgroove.log.telemetry_log import log_from_session, log_from_stream
 
 __all__ = [
     "COLUMN_LABELS",

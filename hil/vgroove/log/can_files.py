@@ -12,10 +12,10 @@ from typing import Any
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log.column_map import NO_MAP, ColumnMap
-from vgroove.log.frames import log_from_session
 from vgroove.log.mf4_channels import log_from_channels
 from vgroove.log.raw_columns import mapped
 from vgroove.log.table import Log, checked
+from vgroove.log.telemetry_log import log_from_session
 from vgroove.python_can import mf4_files
 
 QUARTER_HOUR_MS = 15 * 60 * 1000  # time zones differ by multiples of it

@@ -6,11 +6,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from vgroove.html_page import Page, Picture, Table, style, thin
 from vgroove.log.table import COLUMN_LABELS, COLUMN_UNITS
 from vgroove.log_compare.compare import Comparison
 from vgroove.log_compare.gaps import EQUAL, SignalGap
 from vgroove.log_compare.limits import DISCRETE
-from vgroove.page import Page, Picture, Table, style, thin
 
 PANEL_HEIGHT = 190  # CSS pixels
 COLOURS = {"A": "#00798c", "B": "#d1495b", "gap": "#555"}

@@ -14,9 +14,9 @@ from typing import Any
 from rich.console import Console
 
 from vgroove.errors import VgrooveError
+from vgroove.html_page import Table
 from vgroove.mode_refusals import refused_modes
 from vgroove.output import check_outputs, write_all
-from vgroove.page import Table
 from vgroove.progress import seconds_bar
 from vgroove.real_time.exchange import COMPLETE, RealTimeRun, run_in_real_time
 from vgroove.real_time.figures import (
@@ -32,8 +32,8 @@ from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.recording_files import file_type
 from vgroove.run import RunLog
 from vgroove.scenario import Scenario
-from vgroove.signals import Terminated, interrupt_on_signals
 from vgroove.terminal import print_line, print_warning, table_console
+from vgroove.termination import Terminated, interrupt_on_signals
 
 TIMING_HEADER = (
     "tick",

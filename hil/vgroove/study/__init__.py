@@ -1,1 +1,1 @@
-"""Studies of the tool's design: each makes a vgroove.report.Report of tables, figures and JSON."""
+"""Studies of the tool's design: each makes a report of tables, figures and JSON (result_files)."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from vgroove.report import Report, ReportFiles
+    from vgroove.result_files import Report, ReportFiles
 
 app = typer.Typer(no_args_is_help=True, help="Studies of the tool's design: tables, JSON, plots.")
 
@@ -27,7 +27,7 @@ Png = Annotated[
 
 def finish(report: "Report", files: "ReportFiles") -> None:
     """Print the report's sentences and tables, and write its files."""
-    from vgroove.report import write_report
+    from vgroove.result_files import write_report
     from vgroove.terminal import print_line, print_results, table_console
 
     console = table_console(files.json_path)
@@ -80,7 +80,7 @@ def steps_command(
     """
     from vgroove.progress import step_bar
     from vgroove.reference.rigs import LOW_GEAR, impact_rig, reference_rig
-    from vgroove.report import join_reports, prepare_files
+    from vgroove.result_files import join_reports, prepare_files
     from vgroove.rig import read_rig
     from vgroove.study.drill import parameters_of
     from vgroove.study.steps import Effort, drill_ticks, run_drill_steps
@@ -141,7 +141,7 @@ def supply_command(
     from vgroove.errors import VgrooveError
     from vgroove.progress import step_bar
     from vgroove.reference.rigs import impact_rig
-    from vgroove.report import prepare_files
+    from vgroove.result_files import prepare_files
     from vgroove.study.supply import JOINT_COLOURS, supply_study, supply_voltages
 
     if not high_v > low_v or (high_v - low_v) / step_v > MAX_VOLTAGES:
@@ -169,7 +169,7 @@ def load_command(
     """
     from vgroove.progress import step_bar
     from vgroove.reference.rigs import impact_rig
-    from vgroove.report import prepare_files
+    from vgroove.result_files import prepare_files
     from vgroove.study.load import LOAD_TICKS, load_study
 
     tool = impact_rig(rig)
@@ -204,7 +204,7 @@ def impact_command(
     from vgroove.errors import VgrooveError
     from vgroove.reference.joints import REFERENCE_JOINTS
     from vgroove.reference.rigs import impact_rig
-    from vgroove.report import prepare_files
+    from vgroove.result_files import prepare_files
     from vgroove.study.impact import impact_study
     from vgroove.study.impact_runs import with_joint
 
@@ -236,7 +236,7 @@ def fixed_point_command(
     state changes, time here, cycles on the simulated AVR.
     """
     from vgroove.progress import step_bar
-    from vgroove.report import prepare_files
+    from vgroove.result_files import prepare_files
     from vgroove.study.fixed_point import fixed_point_study, study_ticks
 
     files = prepare_files("fixed_point", folder, json_path, png)
@@ -270,7 +270,7 @@ def hil_command(
     """
     from vgroove.errors import VgrooveError
     from vgroove.progress import step_bar
-    from vgroove.report import prepare_files
+    from vgroove.result_files import prepare_files
     from vgroove.study.hil import hil_study, scenarios
 
     if tool not in ("impact", "drill", "both") or (port and tool == "both"):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from vgroove.page import Picture, Table, style
+from vgroove.html_page import Picture, Table, style
 from vgroove.reference.blows import BLOW
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig

@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from vgroove.page import Picture, Table, style, thin
+from vgroove.html_page import Picture, Table, style, thin
 from vgroove.reference.bolt import PITCH_M, lever_m
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig

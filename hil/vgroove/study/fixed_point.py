@@ -11,12 +11,12 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from vgroove.html_page import Picture, Table, style, table_from_dicts, thin
 from vgroove.lockstep import Profile
-from vgroove.page import Picture, Table, style, table_from_dicts, thin
 from vgroove.progress import Tick
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import LOW_GEAR, reference_rig, with_load
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.scenario import Command, Scenario, without_board_effects
 from vgroove.study.replay import (
     CURRENT,

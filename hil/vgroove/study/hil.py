@@ -12,15 +12,15 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove import lockstep
+from vgroove.html_page import Picture, Table, style, table_from_dicts, thin
 from vgroove.log import Log, log_from_stream
 from vgroove.log_compare import Comparison, compare_logs
 from vgroove.log_compare.report import first_sentence
-from vgroove.page import Picture, Table, style, table_from_dicts, thin
 from vgroove.progress import Tick
 from vgroove.real_time import RealTimeRun, SerialLink, run_in_real_time, timing_figures
 from vgroove.real_time.simulated_board import PacedBoard, real_time_elf
 from vgroove.real_time.tool_ticks import ToolTicks
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.scenario import Scenario, command_messages, make_plant
 from vgroove.sil import SilBoard
 from vgroove.study.fixed_point import drill_scenario, impact_scenario

@@ -10,9 +10,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.errors import VgrooveError
-from vgroove.page import Picture, Table, legend_per_panel, style
+from vgroove.html_page import Picture, Table, legend_per_panel, style
 from vgroove.reference.blows import BLOW, hits_between
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import simulate
 from vgroove.units import RPM_PER_RAD_S

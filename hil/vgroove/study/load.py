@@ -4,9 +4,9 @@ effect of a torque sensor, motion at two duties.
 
 from typing import Any
 
-from vgroove.page import LEAST_SHOWN, shown
+from vgroove.html_page import LEAST_SHOWN, shown
 from vgroove.progress import Tick
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.rig import Rig
 from vgroove.study.coupler import coupler_picture, coupler_pulse, coupler_rows, coupler_table
 from vgroove.study.disc_springs import (

@@ -4,7 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from vgroove.page import Picture, Table, style, thin
+from vgroove.html_page import Picture, Table, style, thin
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import simulate, with_joint
 

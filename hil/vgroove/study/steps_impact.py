@@ -9,11 +9,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove import _core
-from vgroove.page import Picture, Table, style
+from vgroove.html_page import Picture, Table, style
 from vgroove.progress import Tick
 from vgroove.reference.blows import BLOW, hits_between
 from vgroove.reference.joints import REFERENCE_JOINTS
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import simulate, with_joint
 from vgroove.study.step_events import (

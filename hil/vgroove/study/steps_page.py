@@ -6,8 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from vgroove.page import Picture, Table, style
-from vgroove.report import Report
+from vgroove.html_page import Picture, Table, style
+from vgroove.result_files import Report
 from vgroove.study.drill import DURATION_S, GRID_S, MODES, PARAMETER_STEPS, SOLVERS
 from vgroove.study.step_events import (
     EVENT_HEADER,

@@ -9,10 +9,10 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from vgroove.page import Picture, Table, style, table_from_dicts
+from vgroove.html_page import Picture, Table, style, table_from_dicts
 from vgroove.progress import Tick
 from vgroove.reference.joints import REFERENCE_JOINTS
-from vgroove.report import Report
+from vgroove.result_files import Report
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import blow_figures, simulate, with_joint
 

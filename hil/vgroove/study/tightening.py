@@ -5,7 +5,7 @@ voltage.
 from typing import Any
 
 from vgroove import _core
-from vgroove.page import Table
+from vgroove.html_page import Table
 from vgroove.reference.bolt import FRICTIONS, lever_m
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove import _core
-from vgroove.page import Picture, Table, legend_per_panel, style
+from vgroove.html_page import Picture, Table, legend_per_panel, style
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig
 from vgroove.rig import Rig

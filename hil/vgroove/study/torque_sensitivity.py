@@ -15,7 +15,7 @@ from vgroove.control_bench.draw import TOOL_VALUES
 from vgroove.control_bench.runs import reference, sil_run
 from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of
 from vgroove.control_bench.torque_drawn import MAX_SECONDS, MISSED
-from vgroove.page import Table
+from vgroove.html_page import Table
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.terminal import print_results, table_console
 

@@ -4,7 +4,7 @@
 
 from vgroove.telemetry.clock_offset import time_offset
 from vgroove.telemetry.decoding import decode, decode_integers, decode_many
-from vgroove.telemetry.framer import Counters, Framer
+from vgroove.telemetry.frame_finder import Counters, Framer
 from vgroove.telemetry.frames import (
     FRAME_BYTES,
     LENGTH,

@@ -8,7 +8,7 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.telemetry.decoding import bit_field, decode, decode_integers, decode_many
-from vgroove.telemetry.framer import Counters
+from vgroove.telemetry.frame_finder import Counters
 from vgroove.telemetry.frames import Frame, crc16
 from vgroove.telemetry.signals import (
     ACK,

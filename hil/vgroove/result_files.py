@@ -9,8 +9,8 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from vgroove.chromium import draw, find_chromium
 from vgroove.errors import VgrooveError
+from vgroove.html_page import Page, Picture, Table
 from vgroove.output import check_outputs, json_text, write_all
-from vgroove.page import Page, Picture, Table
 
 SCRIPT_NAME = f"plotly-{get_plotlyjs_version()}.min.js"
 
