@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 from test_flash import hex_bytes
 from test_run import elf, short_scenario, start_on_pty
 from vgroove import telemetry
-from vgroove.adapt import adaptation, torque_tables
-from vgroove.adapt import torque_map as maps
+from vgroove.adapt import adaptation, torque_map
+from vgroove.adapt import torque_map_file as maps
 from vgroove.adapt.adaptation import Adaptation, check
 from vgroove.adapt.firmware_image import adapted_image, map_in_flash
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale, level_scale
-from vgroove.adapt.setpoints import default, setpoints
+from vgroove.adapt.setpoints import default_value, setpoints
 from vgroove.board import AvrBoard
 from vgroove.board_parameters import check_board, write_parameters
 from vgroove.cli import app
@@ -64,14 +64,14 @@ def higher(built_in: bytes) -> bytes:
     """The map with higher stop currents and a higher level of the run-up."""
     members = members_of(built_in)
     changed = {"stop_a_q8": members["stop_a_q8"] + 128, "run_20mv": members["run_20mv"] + 20}
-    return maps.image({**members, **changed})
+    return maps.flash_bytes({**members, **changed})
 
 
 def members_of(image: bytes) -> dict[str, np.ndarray]:
     """The members of a map from its bytes."""
     found, at = {}, 0
     for name, kind in maps.MEMBER_TYPES.items():
-        count = 1 if name == "run_20mv" else torque_tables.ROWS
+        count = 1 if name == "run_20mv" else torque_map.ROWS
         found[name] = np.frombuffer(image, kind, count, at)
         at += found[name].nbytes
     assert at == len(image)
@@ -97,7 +97,7 @@ def test_the_reference_tool_has_the_levels_and_the_parameters_of_the_firmware() 
     rig = reference_rig()
     assert vars(level_scale(rig)) == pytest.approx(vars(SAME), abs=1e-9)
     for name, value in setpoints(rig, SAME).items():
-        assert value == pytest.approx(default(name), rel=2e-3), name
+        assert value == pytest.approx(default_value(name), rel=2e-3), name
 
 
 @pytest.mark.parametrize("share", [0.95, 1.045])
@@ -110,7 +110,8 @@ def test_the_levels_of_another_winding_follow_the_law_of_similarity(share: float
     values = setpoints(rig, found)
     assert values["sync_low_mv"] == pytest.approx(found.level * 14200, abs=0.5)
     assert values["sync_current_a"] == pytest.approx(25 / share, rel=0.01)
-    assert values["vibration_climb"] == pytest.approx(share * default("vibration_climb"), rel=1e-3)
+    climb = share * default_value("vibration_climb")
+    assert values["vibration_climb"] == pytest.approx(climb, rel=1e-3)
     assert values["motor_mohm"] == round(190 * share**2)
 
 
@@ -129,13 +130,13 @@ def test_parameters_stay_within_their_ranges() -> None:
 
 def test_the_map_in_the_image_is_that_of_the_source(built_in: bytes) -> None:
     members = members_of(built_in)
-    assert maps.image(members) == built_in
+    assert maps.flash_bytes(members) == built_in
     source = ROOT / "firmware/controllers/torque_map.c"
-    assert maps.source(members) == source.read_text(encoding="utf-8")
+    assert maps.c_source(members) == source.read_text(encoding="utf-8")
 
 
 def test_bytes_of_a_map_are_rounded_tables() -> None:
-    rows = torque_tables.ROWS
+    rows = torque_map.ROWS
     level = np.full(rows, 7.0)
     level[:18] = np.nan
     table = {
@@ -144,7 +145,7 @@ def test_bytes_of_a_map_are_rounded_tables() -> None:
         "raised": np.full(rows, 8.6),
         "stop": np.full(rows, 16.0),
     }
-    found = maps.members(table, 5.5)
+    found = maps.member_values(table, 5.5)
     assert set(found["level_40mv"][18:]) == {50} and set(found["level_40mv"][:18]) == {0}
     assert set(found["settled_a_q4"][:18]) == {255} and found["settled_a_q4"][18] == 33
     assert (found["raised_40mv"][0], found["stop_a_q8"][0], found["run_20mv"][0]) == (90, 4096, 25)
@@ -152,11 +153,11 @@ def test_bytes_of_a_map_are_rounded_tables() -> None:
 
 @pytest.mark.parametrize("scale", [0.91, 1.0, 1.115])
 def test_all_levels_of_the_range_fit_into_the_bytes(scale: float) -> None:
-    highest = max(v for v, _, _ in torque_tables.RAISED_V)
-    assert torque_tables.levels_of(scale).min() >= torque_tables.BASE_V
-    for level_v in (torque_tables.levels_of(scale).max(), scale * highest):
-        assert (level_v - torque_tables.BASE_V) / torque_tables.LEVEL_STEP_V <= 255
-    assert scale * torque_tables.RUN_V >= torque_tables.BASE_V
+    highest = max(v for v, _, _ in torque_map.RAISED_V)
+    assert torque_map.levels_of(scale).min() >= torque_map.BASE_V
+    for level_v in (torque_map.levels_of(scale).max(), scale * highest):
+        assert (level_v - torque_map.BASE_V) / torque_map.LEVEL_STEP_V <= 255
+    assert scale * torque_map.RUN_V >= torque_map.BASE_V
 
 
 def test_only_the_map_changes_in_the_hex_file(

@@ -6,8 +6,8 @@ from typing import Any
 
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale, level_scale
-from vgroove.adapt.setpoints import check_tool, default, setpoints
-from vgroove.adapt.torque_map import image, torque_map
+from vgroove.adapt.setpoints import check_tool, default_value, setpoints
+from vgroove.adapt.torque_map_file import flash_bytes, torque_map
 from vgroove.control_bench import torque_drawn
 from vgroove.control_bench.draw import DRIVE, drawn
 from vgroove.control_bench.jobs import Figures, Job, Variant, run_jobs
@@ -50,9 +50,9 @@ class Adaptation:
     torque_map: dict[str, Any]
 
     @property
-    def image(self) -> bytes:
+    def flash_bytes(self) -> bytes:
         """The map as it lies in flash."""
-        return image(self.torque_map)
+        return flash_bytes(self.torque_map)
 
     @property
     def sentence(self) -> str:
@@ -69,7 +69,7 @@ class Adaptation:
             {
                 "name": parameter(name).name,
                 "unit": parameter(name).unit,
-                "reference": default(name),
+                "reference": default_value(name),
                 "value": value,
             }
             for name, value in self.parameters.items()

@@ -44,22 +44,24 @@ def setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
         "motor_mohm": 1000.0 * resistance,
         "motor_rpm_per_v": 1.0 / k / RAD_S_PER_RPM,
         "blow_turn": rig.gearbox["ratio"] / rig.mechanism["lug_count"],
-        "vibration_approach": default("vibration_approach") * motor_scale.level,
-        "vibration_climb": default("vibration_climb") * climb_share(rig),
+        "vibration_approach": default_value("vibration_approach") * motor_scale.level,
+        "vibration_climb": default_value("vibration_climb") * climb_share(rig),
     }
-    found |= {name: default(name) * motor_scale.level for name in VOLTAGES}
-    found |= {name: default(name) * motor_scale.current for name in CURRENTS}
-    return {name: stored(name, value) for name, value in found.items()}
+    found |= {name: default_value(name) * motor_scale.level for name in VOLTAGES}
+    found |= {name: default_value(name) * motor_scale.current for name in CURRENTS}
+    return {name: stored_value(name, value) for name, value in found.items()}
 
 
-def default(name: str) -> float:
-    """Physical default of a parameter."""
+def default_value(name: str) -> float:
+    """Default of a parameter, in its physical unit (telemetry.Parameter.unit)."""
     found = parameter(name)
     return found.default / 2**found.q
 
 
-def stored(name: str, value: float) -> float:
-    """The physical value that the board holds: the nearest integer, within the range."""
+def stored_value(name: str, value: float) -> float:
+    """The value that the board holds, in the physical unit of the parameter: that of the nearest
+    integer within the range.
+    """
     found = parameter(name)
     raw = min(max(round(value * 2**found.q), found.minimum), found.maximum)
     return raw / 2**found.q

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.adapt.level_scale import level_scale
-from vgroove.adapt.torque_map import image, torque_map
+from vgroove.adapt.torque_map_file import flash_bytes, torque_map
 from vgroove.control_bench import torque_drawn
 from vgroove.control_bench.draw import DRIVE, NOMINAL, SEEDS, TOOL, drawn, drawn_tool
 from vgroove.control_bench.jobs import Figures, Job, Variant
@@ -52,7 +52,7 @@ def map_work(variant: Variant, *, tool: Mapping[str, float]) -> Figures:
     start = {"supply_v": nominal.value("supply.voltage_v"), "start_rad": 0.0}
     rig = drawn_tool(nominal, {**start, "tool": tool})
     scale = level_scale(rig).level
-    return {"scale": scale, "map": image(torque_map(rig, scale, workers=1)).hex()}
+    return {"scale": scale, "map": flash_bytes(torque_map(rig, scale, workers=1)).hex()}
 
 
 def map_jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:
