@@ -41,7 +41,7 @@ LOGS = {
     ),
 }
 CARDS = {
-    "none": ("nowhere", "no effect is missing", "no further run"),
+    "none": ("no gap", "no effect is missing", "no further run"),
     "effect": ("motor mechanical", "coulomb friction", "no further run"),
     "ambiguous": ("motor mechanical", " or ", "record: "),
     "unlisted": ("unexplained", "none of the catalogue", "record: "),
@@ -57,9 +57,9 @@ SECTIONS = {
     "effect": (
         "Where: subsystems",
         "Where: regimes",
-        "What the gap follows",
+        "Quantity that correlates with the gap",
         "measured, nominal and corrected model",
-        "What is left",
+        "Remainder",
     ),
     "ambiguous": (
         "Rivals that predict the held-out data as well",
@@ -68,13 +68,13 @@ SECTIONS = {
         "vgroove run --on PORT --next VERDICT.json -o next.csv",
     ),
     "unlisted": (
-        "What is left follows time at",
+        "Remainder correlates with time at",
         "a smooth correction over it would take",
         "What next: record the run",
     ),
     "partial": (
         "Part of the gap is coulomb friction; a remainder stays that is not explained",
-        "What is left follows time at",
+        "Remainder correlates with time at",
         "Why a signal closes more or less than all together",
         "clip in sigma",
     ),

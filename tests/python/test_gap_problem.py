@@ -171,9 +171,9 @@ def test_strokes_longer_than_a_block_give_thirds() -> None:
     to_and_fro = np.sign(np.sin(2.0 * np.pi * time_s / 6.0))
     assert blocks.mean_stroke_s(time_s, to_and_fro) == pytest.approx(3.0, rel=0.1)
     cut = blocks.cut_blocks(time_s, blocks.mean_stroke_s(time_s, to_and_fro))
-    assert (cut.folds, cut.rotate, len(cut.edges_s)) == (3, True, 4)
+    assert (cut.folds, cut.rotate, len(cut.borders_s)) == (3, True, 4)
     assert blocks.cut_blocks(time_s, blocks.mean_stroke_s(time_s, np.ones(len(time_s)))).folds == 4
-    assert len(blocks.cut_blocks(time_s[:4000], 4.0).edges_s) == 9
+    assert len(blocks.cut_blocks(time_s[:4000], 4.0).borders_s) == 9
 
 
 def test_two_logs_are_judged_together() -> None:

@@ -21,6 +21,7 @@ from vgroove.html_page import Card, Note, Page, Part, Picture, Table
 EFFECTS_SHOWN, CORRELATES_SHOWN = 12, 8  # rows of the page; the JSON has all
 MIN_SHARE_SHOWN = 0.05  # smallest share of a further subsystem that the card WHERE lists
 MAX_CLOSED_DIFFERENCE = 0.1  # of closed shares, above which the page explains it
+CLOSED_ALONE = "share closed by this effect alone"  # header of a column
 RUN_COMMAND = (
     "vgroove run --on PORT --next VERDICT.json -o next.csv"
     "    (PORT: the board's; VERDICT.json: from --json)"
@@ -66,7 +67,7 @@ def where_card(verdict: Verdict) -> Card:
     """The subsystem with the largest share, the others, and the regime."""
     ranked = sorted(verdict.where.share.items(), key=lambda item: -item[1])
     if not ranked:
-        return Card("WHERE", "nowhere", "what differs is noise, or within the rig's tolerances")
+        return Card("WHERE", "no gap", "what differs is noise, or within the rig's tolerances")
     others = [
         f"{spaced_name(name)} {percent(value)}"
         for name, value in ranked[1:]
@@ -147,14 +148,14 @@ def gap_parts(gap: Gap) -> list[Part]:
     """Gap of each signal in units of its floor, and in its own unit with the ISO ratings."""
     header = ["signal", "unit", "before", "retuned", "after", "floor"]
     header += ["before, share of RMS", "after, share of RMS", "closed"]
-    header += ["ISO/TS 18571 before", "after", "clip in sigma"]
+    header += ["ISO/TS 18571 before", "ISO/TS 18571 after", "clip in sigma"]
     rows = [
         [n, s.unit, s.before, s.retuned, s.after, s.floor]
         + [percent(s.before_share), percent(s.after_share), percent(s.closed)]
         + [s.iso18571_before, s.iso18571_after, s.clip]
         for n, s in gap.by_signal.items()
     ]
-    table = Table("signals", "The same in units", header, rows)
+    table = Table("signals", "Gap of each signal in its own unit", header, rows)
     return [gap_picture(gap), table, *closed_notes(gap)]
 
 
@@ -186,8 +187,8 @@ def signal_weight(gap: Gap, name: str) -> float:
 
 def effects_table(verdict: Verdict) -> Table:
     """The likeliest effects."""
-    header = ["effect", "named", "subsystem", "probability", "closes alone", "lost without"]
-    header.append("fitted [95 % interval]")
+    header = ["effect", "named", "subsystem", "probability", CLOSED_ALONE]
+    header += ["share lost without it", "fitted [95 % interval]"]
     rows = [
         [
             e.id,
@@ -219,7 +220,7 @@ def rival_parts(verdict: Verdict) -> list[Part]:
         if tied
         else "Identical by physics: no log of this kind distinguishes them"
     )
-    return [Table("rivals", title, ["effect", "instead of", "probability", "closes alone"], rows)]
+    return [Table("rivals", title, ["effect", "instead of", "probability", CLOSED_ALONE], rows)]
 
 
 def next_parts(proposed: NextExperiment | None) -> list[Part]:
@@ -261,7 +262,7 @@ def where_parts(where: Where) -> list[Part]:
             "share of the squared gap of the nominal model above the noise",
         ),
         (
-            "What the gap follows",
+            "Quantity that correlates with the gap",
             [
                 (f"{c.follows} (in {c.signal})", 100 * c.share)
                 for c in where.by_correlate[:CORRELATES_SHOWN]
@@ -280,14 +281,14 @@ def remainder_parts(left: Unexplained, units: dict[str, str]) -> list[Part]:
     if not left.significant or left.best_correlate is None:
         what = "is noise"
         if left.significant:
-            what = "is more than noise, and follows none of the measured signals"
-        return [Note("What is left", [f"What the named effects and retuning leave {what}."])]
+            what = "is more than noise, and correlates with none of the measured signals"
+        return [Note("Remainder", [f"What the named effects and retuning leave {what}."])]
     note = (
         f"{left.signal}: {left.looks_like}; a smooth correction over it would take"
         f" {percent(left.could_gain)} of the squared gap that is left above the noise (on blocks"
         " that it was not fitted to)"
     )
-    title = f"What is left follows {left.best_correlate}"
+    title = f"Remainder correlates with {left.best_correlate}"
     if not left.correction:
         return [Note(title, [note])]
     return [Picture(title, remainder_figure(left, units.get(left.signal, "")), note)]

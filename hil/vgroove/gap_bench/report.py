@@ -4,20 +4,11 @@ from typing import Any
 
 import plotly.graph_objects as go
 
+from vgroove.gap_bench.goals import GOALS, IMPACT_GOALS
 from vgroove.gap_bench.needs import needs_table
 from vgroove.gap_bench.score import KINDS, POWER_EDGES
 from vgroove.html_page import Card, Page, Picture, Table, style
 
-# Goals of the project: share of right verdicts by regime and kind.
-GOALS = {
-    "exact": {"single": 0.98, "pair": 0.92},
-    "hard": {"single": 0.93, "pair": 0.80, "triple": 0.60},
-    "measured": {},
-}
-IMPACT_GOALS = {
-    "exact": {"single": 0.85, "pair": 0.85, "none": 0.98, "unlisted": 0.80},
-    "loose": {"single": 0.75, "pair": 0.75, "none": 0.98, "unlisted": 0.80},
-}
 # Quantiles of a cost: key of the JSON -> words.
 QUANTILES = {"median": "median", "tenth above": "90th percentile", "most": "maximum"}
 # Unit and goal of each cost; goals of the median and the 90th percentile, or of the maximum.

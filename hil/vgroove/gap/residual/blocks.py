@@ -24,12 +24,12 @@ MOVING_SHARE = 0.02  # of the top speed: a lower speed counts as standstill
 
 @dataclass(frozen=True)
 class FoldBlocks:
-    """Blocks of one log: edges_s (k + 1,) their borders in s; folds their number; rotate: every
+    """Blocks of one log: borders_s (k + 1,) their borders in s; folds their number; rotate: every
     block counts, predicted by a fit to the others; in_use (k,): whether a block holds rows that can
     be judged (None: all do).
     """
 
-    edges_s: np.ndarray
+    borders_s: np.ndarray
     folds: int
     rotate: bool
     in_use: np.ndarray | None = None
@@ -39,8 +39,8 @@ class FoldBlocks:
 
     def of(self, time_s: np.ndarray) -> np.ndarray:
         """Number (m,) of the block, counted from 1, that each time lies in."""
-        last = len(self.edges_s) - 1
-        return np.clip(np.searchsorted(self.edges_s, time_s, side="left"), 1, last)
+        last = len(self.borders_s) - 1
+        return np.clip(np.searchsorted(self.borders_s, time_s, side="left"), 1, last)
 
     def fold_of(self, block: np.ndarray) -> np.ndarray:
         """Fold 0..folds-1 that tests each block (m,)."""
@@ -52,16 +52,16 @@ class FoldBlocks:
 
     def limited_to(self, time_s: np.ndarray) -> "FoldBlocks":
         """The blocks, of which only those that hold one of the times (m,), s, are in use."""
-        number = np.arange(1, len(self.edges_s))
+        number = np.arange(1, len(self.borders_s))
         return replace(self, in_use=np.isin(number, self.of(time_s)))
 
     def stretches(self) -> list[list[float]]:
         """Judged stretches [from, to] in s, neighbours joined."""
-        number = np.arange(1, len(self.edges_s))
+        number = np.arange(1, len(self.borders_s))
         number = number if self.in_use is None else number[self.in_use]
         found: list[list[float]] = []
         for k in number[self.judged(number)]:
-            start, end = float(self.edges_s[k - 1]), float(self.edges_s[k])
+            start, end = float(self.borders_s[k - 1]), float(self.borders_s[k])
             if found and found[-1][1] == start:
                 found[-1][1] = end
             else:
