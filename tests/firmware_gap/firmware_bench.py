@@ -1,9 +1,9 @@
 """Blind cases with the firmware in the loop, `firmware_bench.py list|make|open FOLDER [--set ...]
 [--numbers ...]`: firmware gaps, plant gaps and logs without a gap, on the generator's impact tool.
 
-A case has log.csv, rig.toml and firmware.json (the believed mode and EEPROM parameters). The
+A case has log.csv, rig.toml and firmware.json (the assumed mode and EEPROM parameters). The
 answers are sealed as those of gap_bench.py in tests/truth; they have the label `firmware` with
-`what` and `first_s`, the time of the first row that the believed firmware does not give.
+`what` and `first_s`, the time of the first row that the assumed firmware does not give.
 """
 
 import argparse
@@ -228,8 +228,8 @@ def write_case(case: FirmwareCase, folder: Path) -> None:
     (folder / "log.csv").write_text("\n".join([",".join(names), *lines]) + "\n", encoding="utf-8")
     text = impact_toml(case.setting.rig) + BOARD_EFFECTS
     (folder / "rig.toml").write_text(text, encoding="utf-8")
-    believed = {"mode": case.plan.mode, "params": dict(case.plan.params)}
-    (folder / "firmware.json").write_text(json.dumps(believed) + "\n", encoding="utf-8")
+    assumed = {"mode": case.plan.mode, "params": dict(case.plan.params)}
+    (folder / "firmware.json").write_text(json.dumps(assumed) + "\n", encoding="utf-8")
 
 
 def answer_of(case: FirmwareCase) -> dict[str, object]:

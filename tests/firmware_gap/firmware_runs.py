@@ -1,5 +1,5 @@
 """Runs of the native firmware on the generator's impact tool, with deviations between the firmware
-that is believed to run and the one that runs.
+that is assumed to run and the one that runs.
 """
 
 import sys
@@ -45,7 +45,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Deviation:
-    """How the firmware that runs differs from the believed one.
+    """How the firmware that runs differs from the assumed one.
 
     params: EEPROM parameters. late_s: time by which the bridge acts later than the board commands.
     ceiling: largest duty of another build, 1 for none. trigger_late: rows by which the board sees
@@ -90,7 +90,7 @@ def rows_of(sent: bytes) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class FirmwarePlan:
-    """Mode and believed EEPROM parameters, the trigger's profile, and the length of the run."""
+    """Mode and assumed EEPROM parameters, the trigger's profile, and the length of the run."""
 
     mode: str
     params: Mapping[str, float]
@@ -127,8 +127,8 @@ def firmware_run(
     return FirmwareRun(rows, board.inputs)
 
 
-def believed_rows(run: FirmwareRun, plan: FirmwarePlan) -> dict[str, np.ndarray]:
-    """Telemetry of the believed firmware for the inputs of a run."""
+def assumed_rows(run: FirmwareRun, plan: FirmwarePlan) -> dict[str, np.ndarray]:
+    """Telemetry of the assumed firmware for the inputs of a run."""
     sent = bytearray()
     with SilBoard(eeprom=plan.image(Deviation())) as board:
         for inputs in run.inputs:
@@ -137,17 +137,17 @@ def believed_rows(run: FirmwareRun, plan: FirmwarePlan) -> dict[str, np.ndarray]
 
 
 def first_difference(run: FirmwareRun, plan: FirmwarePlan, deviation: Deviation) -> float | None:
-    """Time of the first row whose duty, state or trigger the believed firmware would not give;
+    """Time of the first row whose duty, state or trigger the assumed firmware would not give;
     where only the bridge is late, the first row with a duty. None where there is none.
     """
     if deviation.late_s > 0.0:
         driven = np.flatnonzero(run.rows["duty"] != 0.0)
         return float(run.rows["time_s"][driven[0]]) if len(driven) else None
-    believed = believed_rows(run, plan)
-    count = min(len(believed["time_s"]), len(run.rows["time_s"]))
+    assumed = assumed_rows(run, plan)
+    count = min(len(assumed["time_s"]), len(run.rows["time_s"]))
     apart = np.zeros(count, bool)
     for name in ("duty", "state", "trigger"):
-        apart |= np.abs(run.rows[name][:count] - believed[name][:count]) > 1e-9
+        apart |= np.abs(run.rows[name][:count] - assumed[name][:count]) > 1e-9
     where = np.flatnonzero(apart)
     return float(run.rows["time_s"][where[0]]) if len(where) else None
 

@@ -13,7 +13,7 @@ import firmware_bench
 import gap_bench  # isort: skip
 from bench_plan import SETS  # isort: skip
 from vgroove.eeprom_image import parameter
-from vgroove.firmware_replay.claim import read_claim
+from vgroove.firmware_replay.assumed_firmware import read_assumed_firmware
 from vgroove.firmware_replay.kinds import FirmwareResult, judge_firmware
 from vgroove.gap_bench.rates import wilson
 from vgroove.log import read_log
@@ -86,8 +86,8 @@ def main(arguments: list[str]) -> int:
     rows = []
     for name, answer in answers.items():
         case = args.folder / "cases" / name
-        log, claim = read_log(case / "log.csv"), read_claim(case / "firmware.json")
-        rows.append(outcome(answer, judge_firmware(log, claim)))
+        log, assumed = read_log(case / "log.csv"), read_assumed_firmware(case / "firmware.json")
+        rows.append(outcome(answer, judge_firmware(log, assumed)))
     sys.path.insert(0, str(PROOF))
     from proof import commit
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vgroove.control_bench.runs import pull, reference, sil_run
-from vgroove.firmware_replay.claim import FirmwareClaim
+from vgroove.firmware_replay.assumed_firmware import AssumedFirmware
 from vgroove.firmware_replay.closed_loop import (
     ROWS_APART,
     STATE_WIDTH,
@@ -50,7 +50,7 @@ def board_log(mode: str, effects: tuple[str, ...] = (), **params: float) -> Log:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_log_of_the_same_tool_stays_within_the_simulation(mode: str) -> None:
-    found = closed_loop(board_log(mode), rig(), rig(), FirmwareClaim(mode))
+    found = closed_loop(board_log(mode), rig(), rig(), AssumedFirmware(mode))
     assert found.nominal is None and not found.is_corrected
     assert found.as_dict() == {"nominal": None}
     assert found.sentence() == "in closed loop the log stays within the simulation of the rig."
@@ -59,7 +59,7 @@ def test_a_log_of_the_same_tool_stays_within_the_simulation(mode: str) -> None:
 @pytest.mark.parametrize("mode", MODES)
 def test_a_log_of_another_tool_leaves_it_but_not_that_of_the_corrected_rig(mode: str) -> None:
     log, corrected = board_log(mode, ("winding_resistance",)), rig().with_effects(WINDING)
-    found = closed_loop(log, rig(), corrected, FirmwareClaim(mode))
+    found = closed_loop(log, rig(), corrected, AssumedFirmware(mode))
     assert found.corrected is None and found.is_corrected
     assert found.nominal.signal in WIDTHS and 0.3 < found.nominal.time_s < 1.2
     row = round(found.nominal.time_s / 1e-3) - 1
@@ -72,9 +72,9 @@ def test_a_log_of_another_tool_leaves_it_but_not_that_of_the_corrected_rig(mode:
 def test_another_parameter_of_the_firmware_is_no_gap_of_the_plant() -> None:
     """Neither the rig nor a corrected one gives the log; with the parameter the rig does."""
     log = board_log("duty", slew_per_ms_q15=0.003)
-    found = closed_loop(log, rig(), rig(), FirmwareClaim("duty"))
+    found = closed_loop(log, rig(), rig(), AssumedFirmware("duty"))
     assert found.nominal.signal in ("duty", "current_a") and found.nominal.time_s < 0.4
-    right = FirmwareClaim("duty", {"slew_per_ms_q15": 0.003})
+    right = AssumedFirmware("duty", {"slew_per_ms_q15": 0.003})
     assert closed_loop(log, rig(), rig(), right).nominal is None
 
 
@@ -85,10 +85,10 @@ def test_a_board_with_another_hall_sensor_is_simulated_with_its_own(pulses: int)
     run = sil_run(tool, params=params, profile=pull(0.9), duration_s=1.0, seed=4711)
     rows = dict(run.telemetry)
     log = Log(rows.pop("time_s"), rows, "board.csv")
-    claim = FirmwareClaim("duty", params)
-    assert closed_loop(log, tool, tool, claim).nominal is None
+    assumed = AssumedFirmware("duty", params)
+    assert closed_loop(log, tool, tool, assumed).nominal is None
     unstated = rig_without_pulses()
-    assert closed_loop(log, unstated, unstated, claim).nominal is None
+    assert closed_loop(log, unstated, unstated, assumed).nominal is None
 
 
 def rig_without_pulses() -> Rig:
@@ -102,7 +102,7 @@ def test_a_rig_that_no_duty_drives_has_no_closed_loop() -> None:
     tool = reference("hard_joint")
     data = tool.as_dict() | {"input": {"kind": "voltage_v"}}
     other = rig_from_dict(data, "test")
-    assert closed_loop(board_log("duty"), other, other, FirmwareClaim()) is None
+    assert closed_loop(board_log("duty"), other, other, AssumedFirmware()) is None
 
 
 # --- the trigger ---
@@ -143,8 +143,8 @@ def test_the_direction_is_that_of_the_next_duty() -> None:
 
 def test_the_profile_gives_the_counts_of_the_trigger() -> None:
     """Of a trigger of 0.5 the converter's counts lie in the middle of the parameters' range."""
-    claim = FirmwareClaim("duty", {"trigger_low_count": 120.0, "trigger_high_count": 880.0})
-    profile = trigger_profile(log_of([0.0, 0.0, 0.5, 0.5, 0.5], [0.0] * 5), claim, 1)
+    assumed = AssumedFirmware("duty", {"trigger_low_count": 120.0, "trigger_high_count": 880.0})
+    profile = trigger_profile(log_of([0.0, 0.0, 0.5, 0.5, 0.5], [0.0] * 5), assumed, 1)
     travel = interpolate_points(profile.travel, np.array([1e-3, 2.5e-3]))
     assert travel.tolist() == pytest.approx([0.0, (500.0 / 1023.0 - 0.1) / 0.8])
 

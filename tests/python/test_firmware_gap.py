@@ -1,4 +1,4 @@
-"""Cases with the firmware in the loop on the generator's impact tool: the believed firmware repeats
+"""Cases with the firmware in the loop on the generator's impact tool: the assumed firmware repeats
 the log of a plant gap bit by bit, and not that of a firmware gap.
 """
 
@@ -26,7 +26,7 @@ def case_of(kind: str, what: str) -> firmware_bench.FirmwareCase:
     return firmware_bench.draw_case(next(e for e in ENTRIES if (e.kind, e.what) == (kind, what)))
 
 
-def test_the_believed_firmware_repeats_a_log_without_a_firmware_gap() -> None:
+def test_the_assumed_firmware_repeats_a_log_without_a_firmware_gap() -> None:
     case = case_of("none", "")
     assert first_difference(case.run, case.plan, Deviation()) is None
     assert len(case.run.rows["duty"]) > 1000

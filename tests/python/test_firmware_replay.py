@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
-from vgroove.firmware_replay.claim import FirmwareClaim, read_claim
+from vgroove.firmware_replay.assumed_firmware import AssumedFirmware, read_assumed_firmware
 from vgroove.firmware_replay.closed_loop import WIDTHS
 from vgroove.firmware_replay.delay import actuation_delay_ms
 from vgroove.firmware_replay.kinds import judge_firmware
@@ -66,7 +66,7 @@ def changed(log: Log, **columns: np.ndarray) -> Log:
 def test_every_duty_of_a_log_follows_from_its_rows() -> None:
     rows = replay_rows(board_log())
     assert np.count_nonzero(rows[:, 0] > 0) > 500
-    assert replay(FirmwareClaim(), rows).row == len(rows)
+    assert replay(AssumedFirmware(), rows).row == len(rows)
 
 
 @pytest.mark.parametrize("row", [400, 700])
@@ -74,7 +74,7 @@ def test_a_changed_duty_is_found_at_its_row(row: int) -> None:
     log = board_log()
     duty = log["duty"].copy()
     duty[row] -= 1.0 / 255.0
-    found = replay(FirmwareClaim(), replay_rows(changed(log, duty=duty)))
+    found = replay(AssumedFirmware(), replay_rows(changed(log, duty=duty)))
     assert (found.row, found.signal) == (row, "duty")
     assert found.expected == round(255 * log["duty"][row])
 
@@ -83,18 +83,18 @@ def test_a_changed_state_is_found() -> None:
     log = board_log()
     state = log["state"].copy()
     state[600:] = 2.0
-    found = replay(FirmwareClaim(), replay_rows(changed(log, state=state)))
+    found = replay(AssumedFirmware(), replay_rows(changed(log, state=state)))
     assert (found.row, found.signal) == (600, "state")
 
 
 def test_a_firmware_without_deviation_has_no_gap() -> None:
-    result = judge_firmware(board_log(), FirmwareClaim())
+    result = judge_firmware(board_log(), AssumedFirmware())
     assert result.kind == "" and result.first is None
 
 
 @pytest.mark.parametrize("kind", ["parameter", "late", "build", "state"])
 def test_each_kind_is_told(kind: str) -> None:
-    result = judge_firmware(board_log(kind), FirmwareClaim())
+    result = judge_firmware(board_log(kind), AssumedFirmware())
     assert result.kind == kind
     if kind == "parameter":
         found = result.details["parameter"]
@@ -131,7 +131,7 @@ def test_a_slow_current_sensor_is_no_late_bridge(constant_ms: float, late_ms: fl
 
 def test_the_first_tick_of_a_build_is_where_its_duty_is_limited() -> None:
     log = board_log("build")
-    result = judge_firmware(log, FirmwareClaim())
+    result = judge_firmware(log, AssumedFirmware())
     limited = np.flatnonzero(np.round(255 * log["duty"]) == round(0.5 * 255))
     assert 0 <= result.first["time_s"] - log.time_s[limited[0]] < 2.5e-3
 
@@ -169,27 +169,27 @@ def test_other_logs_are_refused_with_a_sentence(name: str) -> None:
         ('{"params": {"foldback_a_q9": "x"}}', "is no number"),
     ],
 )
-def test_wrong_claims_are_refused_with_a_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+def test_a_wrong_firmware_file_is_refused(tmp_path: Path, text: str, sentence: str) -> None:
     path = tmp_path / "firmware.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(VgrooveError, match=sentence):
-        read_claim(path)
+        read_assumed_firmware(path)
 
 
 def written(folder: Path, log: Log) -> tuple[Path, Path]:
-    """Files of a log and of the believed firmware."""
+    """Files of a log and of the assumed firmware."""
     names = ["duty", "coast", "current_a", "speed_rpm", "supply_v", "trigger", "state"]
     table = np.stack([log[name] for name in ("time_s", *names)], axis=1)
-    path, claim = folder / "log.csv", folder / "firmware.json"
+    path, assumed = folder / "log.csv", folder / "firmware.json"
     np.savetxt(path, table, "%.10g", ",", header=",".join(("time_s", *names)), comments="")
-    claim.write_text('{"mode": "duty"}', encoding="utf-8")
-    return path, claim
+    assumed.write_text('{"mode": "duty"}', encoding="utf-8")
+    return path, assumed
 
 
 def test_the_command_writes_the_section(tmp_path: Path) -> None:
-    path, claim = written(tmp_path, board_log("late"))
+    path, assumed = written(tmp_path, board_log("late"))
     out = tmp_path / "out.json"
-    arguments = ["gap", "firmware", str(path), "--firmware", str(claim), "--json", str(out)]
+    arguments = ["gap", "firmware", str(path), "--firmware", str(assumed), "--json", str(out)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0 and "ms late" in done.output
     section = json.loads(out.read_text(encoding="utf-8"))
@@ -218,20 +218,20 @@ class NoGap:
 
 def test_a_diagnosis_adds_the_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "_diagnosed", lambda *_: NoGap())
-    path, claim = written(tmp_path, board_log())
+    path, assumed = written(tmp_path, board_log())
     rig, out = tmp_path / "rig.toml", tmp_path / "out.json"
     rig.write_text(template_text("free"), encoding="utf-8")
     page = tmp_path / "out.html"
     arguments = ["gap", "diagnose", str(path), "--rig", str(rig), "--json", str(out)]
     arguments += ["--html", str(page)]
-    done = CliRunner().invoke(app, [*arguments, "--firmware", str(claim)])
+    done = CliRunner().invoke(app, [*arguments, "--firmware", str(assumed)])
     assert done.exit_code == 0 and "gives every duty" in done.output
     verdict = json.loads(out.read_text(encoding="utf-8"))
     assert verdict["verdict"] == "none" and verdict["firmware"]["verdict"] == "none"
     loop = verdict["firmware"]["logs"][0]["closed_loop"]
     assert loop["nominal"]["time_s"] > 0.25 and loop["corrected"]["signal"] in WIDTHS
     assert "closed loop with the rig" in page.read_text(encoding="utf-8")
-    assert "<td>as believed</td>" in page.read_text(encoding="utf-8")
+    assert "<td>as assumed</td>" in page.read_text(encoding="utf-8")
     CliRunner().invoke(app, arguments)
-    assert "as believed" not in page.read_text(encoding="utf-8")
+    assert "as assumed" not in page.read_text(encoding="utf-8")
     assert "firmware" not in json.loads(out.read_text(encoding="utf-8"))

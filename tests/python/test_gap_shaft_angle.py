@@ -67,10 +67,10 @@ def test_a_pendulum_that_the_rig_lacks_is_a_torque_of_one_period_a_turn() -> Non
     """The rig holds its inertia. The shaft swings by less than a turn."""
     tool = servo(load=PENDULUM)
     inertia = 0.02 * 0.15**2
-    believed = servo(gearbox={"ratio": 1.0, "output_inertia_kg_m2": inertia})
+    stated = servo(gearbox={"ratio": 1.0, "output_inertia_kg_m2": inertia})
     log = encoder_log(tool, swing(0.6, 1.2))
     assert 0.5 < np.ptp(log.columns["position_rad"]) / TURN_RAD < 1.0
-    found = diagnose([log], believed)
+    found = diagnose([log], stated)
     assert (found.verdict, found.selected) == ("effect", ["gear_eccentricity"])
     torque = found.effects[0].parameters["torque_nm"]
     assert torque.value == pytest.approx(0.02 * 9.81 * 0.15, rel=0.05)

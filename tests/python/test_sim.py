@@ -43,11 +43,11 @@ def sim(*arguments: object) -> str:
 
 def test_the_gap_is_that_of_the_problem_and_names_its_held_out_intervals(tmp_path: Path) -> None:
     log = write_log(drive_log(rig(), seed=5), tmp_path / "log.csv")
-    believed = rig().with_values({"motor.coulomb_nm": 0.013})
-    write_rig(believed, tmp_path / "rig.toml")
+    stated = rig().with_values({"motor.coulomb_nm": 0.013})
+    write_rig(stated, tmp_path / "rig.toml")
     shown = sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
     figures = json.loads((tmp_path / "out.json").read_text())
-    problem = load_problem([log], believed)
+    problem = load_problem([log], stated)
     assert figures["gap"] == pytest.approx(
         problem.gap(problem.residuals(problem.theta0)[0]), rel=1e-9
     )
@@ -136,13 +136,13 @@ def scenario_of(tmp_path: Path, reverse: bool = False) -> Path:
 
 def test_a_scenario_drives_the_plant_alone(tmp_path: Path) -> None:
     sim(scenario_of(tmp_path), "-o", tmp_path / "sim.csv", "--json", tmp_path / "out.json")
-    made, believed = read_log(tmp_path / "sim.csv"), rig()
+    made, stated = read_log(tmp_path / "sim.csv"), rig()
     assert np.all(made.columns["speed_rpm"][made.time_s <= 0.2] == 0.0) and np.all(
         made.columns["coast"][made.time_s <= 0.2] == 1.0
     )
-    k, current = believed.motor["torque_constant_nm_per_a"], made.columns["current_a"][-1]
-    resistance = believed.motor["resistance_ohm"] + believed.supply.get("resistance_ohm", 0.0)
-    steady_rpm = (believed.supply["voltage_v"] - resistance * current) / k * RPM_PER_RAD_S
+    k, current = stated.motor["torque_constant_nm_per_a"], made.columns["current_a"][-1]
+    resistance = stated.motor["resistance_ohm"] + stated.supply.get("resistance_ohm", 0.0)
+    steady_rpm = (stated.supply["voltage_v"] - resistance * current) / k * RPM_PER_RAD_S
     assert made.columns["speed_rpm"][-1] == pytest.approx(steady_rpm, rel=1e-3)
     assert json.loads((tmp_path / "out.json").read_text())["speed_end_rpm"] == pytest.approx(
         made.columns["speed_rpm"][-1], rel=1e-6

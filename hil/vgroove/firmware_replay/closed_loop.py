@@ -1,4 +1,4 @@
-"""The believed firmware in closed loop with the simulated tool: which signal of a log leaves the
+"""The assumed firmware in closed loop with the simulated tool: which signal of a log leaves the
 simulation first, that of the rig and that of the corrected one.
 
 What is not measured (start angle of the hammer, position of the Hall sensor, noise) differs from
@@ -13,7 +13,7 @@ import numpy as np
 
 from vgroove.control_bench.draw import START_RAD
 from vgroove.control_bench.runs import RunPlan, run_plan
-from vgroove.firmware_replay.claim import FirmwareClaim
+from vgroove.firmware_replay.assumed_firmware import AssumedFirmware
 from vgroove.firmware_replay.rows import ROW_S
 from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.lockstep import ADC_COUNTS, TRAVEL_AT_REST, TRAVEL_SPAN, Profile
@@ -99,25 +99,25 @@ def _words(found: Departure | None, what: str) -> str:
     )
 
 
-def closed_loop(log: Log, rig: Rig, corrected: Rig, claim: FirmwareClaim) -> ClosedLoop | None:
-    """The closed loop of a log with the believed firmware; None for a rig that no duty drives, or
+def closed_loop(log: Log, rig: Rig, corrected: Rig, assumed: AssumedFirmware) -> ClosedLoop | None:
+    """The closed loop of a log with the assumed firmware; None for a rig that no duty drives, or
     that does not state its supply. corrected: the rig with the effects that a diagnosis has named,
     and retuned values.
     """
     if rig.input["kind"] != "duty" or not rig.supply.get("voltage_v"):
         return None
     is_corrected = bool((corrected.parameters() != rig.parameters()).any())
-    nominal = first_departure(log, rig, claim)
-    found = first_departure(log, corrected, claim) if is_corrected else None
+    nominal = first_departure(log, rig, assumed)
+    found = first_departure(log, corrected, assumed) if is_corrected else None
     return ClosedLoop(nominal, found, is_corrected)
 
 
-def first_departure(log: Log, rig: Rig, claim: FirmwareClaim) -> Departure | None:
-    """Where a log of rows from the board's start on leaves the closed loop of the believed firmware
+def first_departure(log: Log, rig: Rig, assumed: AssumedFirmware) -> Departure | None:
+    """Where a log of rows from the board's start on leaves the closed loop of the assumed firmware
     and a rig first; None where it does not. Measured signals count while the bridge drives and the
     trigger is known. VgrooveError for a rig that cannot be simulated.
     """
-    runs = simulated_runs(log, rig, claim)
+    runs = simulated_runs(log, rig, assumed)
     length = min(len(log.time_s), *(len(run["duty"]) for run in runs))
     logged, *runs = (
         {name: hold_last_value(rows[name][:length]) for name in (*COLUMNS, *WIDTHS) if name in rows}
@@ -133,17 +133,17 @@ def first_departure(log: Log, rig: Rig, claim: FirmwareClaim) -> Departure | Non
     return replace(first, time_s=float(log.time_s[first.row]))
 
 
-def simulated_runs(log: Log, rig: Rig, claim: FirmwareClaim) -> list[Rows]:
-    """Telemetry of RUNS runs of the believed firmware on a rig, with the trigger of a log: as much
+def simulated_runs(log: Log, rig: Rig, assumed: AssumedFirmware) -> list[Rows]:
+    """Telemetry of RUNS runs of the assumed firmware on a rig, with the trigger of a log: as much
     earlier than logged as is likeliest, and a row more and less.
     """
     if "hall_pulses_per_rev" not in rig.sensors:
-        rig = rig.with_values({"sensors.hall_pulses_per_rev": claim.raw("hall_pulses")})
-    likeliest = likeliest_rows(log, rig, claim)
-    profiles = [trigger_profile(log, claim, max(likeliest + k, 0)) for k in (-1, 0, 1)]
+        rig = rig.with_values({"sensors.hall_pulses_per_rev": assumed.raw("hall_pulses")})
+    likeliest = likeliest_rows(log, rig, assumed)
+    profiles = [trigger_profile(log, assumed, max(likeliest + k, 0)) for k in (-1, 0, 1)]
     starts = np.linspace(*START_RAD, RUNS, endpoint=False)
     return [
-        simulated(log, on_start(rig, float(start)), claim, profiles[n % len(profiles)], n + 1)
+        simulated(log, on_start(rig, float(start)), assumed, profiles[n % len(profiles)], n + 1)
         for n, start in enumerate(starts)
     ]
 
@@ -155,19 +155,21 @@ def on_start(rig: Rig, start_rad: float) -> Rig:
     return rig.with_values({"mechanism.hammer_start_rad": start_rad})
 
 
-def simulated(log: Log, rig: Rig, claim: FirmwareClaim, profile: Profile, seed: int) -> Rows:
+def simulated(log: Log, rig: Rig, assumed: AssumedFirmware, profile: Profile, seed: int) -> Rows:
     """Telemetry of one run as long as a log."""
     seconds = (len(log.time_s) + 2) * ROW_S
-    return run_plan(rig, RunPlan(profile, claim.mode, claim.params, seconds, seed=seed)).telemetry
+    return run_plan(
+        rig, RunPlan(profile, assumed.mode, assumed.params, seconds, seed=seed)
+    ).telemetry
 
 
-def likeliest_rows(log: Log, rig: Rig, claim: FirmwareClaim) -> int:
+def likeliest_rows(log: Log, rig: Rig, assumed: AssumedFirmware) -> int:
     """Rows by which the log reports the trigger late: with these the simulated duty is that of the
     log in most rows (before the first blow it follows from the trigger alone).
     """
 
     def equal_rows(rows: int) -> int:
-        duty = simulated(log, rig, claim, trigger_profile(log, claim, rows), 1)["duty"]
+        duty = simulated(log, rig, assumed, trigger_profile(log, assumed, rows), 1)["duty"]
         length = min(len(duty), len(log.time_s))
         apart = np.abs(duty[:length] - log["duty"][:length])
         return int(np.count_nonzero(apart < WIDTHS["duty"]))
@@ -175,12 +177,12 @@ def likeliest_rows(log: Log, rig: Rig, claim: FirmwareClaim) -> int:
     return max(TRIGGER_ROWS, key=equal_rows)
 
 
-def trigger_profile(log: Log, claim: FirmwareClaim, rows: int) -> Profile:
+def trigger_profile(log: Log, assumed: AssumedFirmware, rows: int) -> Profile:
     """The travel of the trigger, the direction switch and the load that a log shows; trigger and
     switch are `rows` before the rows that report them. Rows are ticks of the board's clock.
     """
     share, _ = trigger_share(log)
-    low, high = claim.raw("trigger_low_count"), claim.raw("trigger_high_count")
+    low, high = assumed.raw("trigger_low_count"), assumed.raw("trigger_high_count")
     counts = low + share * (high - low)
     travel = np.where(share > 0.0, (counts / (ADC_COUNTS - 1) - TRAVEL_AT_REST) / TRAVEL_SPAN, 0.0)
     ends_s = ROW_S * np.arange(1, len(log.time_s) + 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from vgroove import _replay, telemetry
 from vgroove.eeprom_image import parameter
-from vgroove.firmware_replay.claim import FirmwareClaim
+from vgroove.firmware_replay.assumed_firmware import AssumedFirmware
 from vgroove.firmware_replay.closed_loop import ClosedLoop
 from vgroove.firmware_replay.delay import LIMITS, actuation_delay_ms
 from vgroove.firmware_replay.rows import COMPARE, COMPARE_TOP, STATE, TRIGGER, replay_rows
@@ -24,7 +24,7 @@ SHIFT_ROWS = 12  # largest shift of the trigger that is tried
 @dataclass(frozen=True)
 class FirmwareResult:
     """Verdict on the firmware of a log: `kind` is empty without a gap; `first` is the first tick
-    that the believed firmware does not give (time_s, signal, logged, expected), and `details` holds
+    that the assumed firmware does not give (time_s, signal, logged, expected), and `details` holds
     what a kind has besides. closed_loop: with the simulated tool, where there is a rig.
     """
 
@@ -63,28 +63,30 @@ class FirmwareResult:
             found = details["parameter"]
             return [
                 f"the board has {found['name']} = {found['value']:.6g} {found['unit']}, not "
-                f"{found['believed']:.6g} ({at})."
+                f"{found['assumed']:.6g} ({at})."
             ]
         return [
             f"no single parameter and no shift of the trigger gives the log: another build ({at})."
         ]
 
 
-def judge_firmware(log: Log, claim: FirmwareClaim) -> FirmwareResult:
-    """Replay a log with the believed firmware, and search for the kind of gap where they part.
+def judge_firmware(log: Log, assumed: AssumedFirmware) -> FirmwareResult:
+    """Replay a log with the assumed firmware, and search for the kind of gap where they part.
     VgrooveError for a log that cannot be replayed.
     """
     rows = replay_rows(log)
-    base = replay(claim, rows)
+    base = replay(assumed, rows)
     if base.row >= len(rows):
         return _of_late(log, rows)
-    shifted = _shift_of(claim, rows)
+    shifted = _shift_of(assumed, rows)
     if shifted is not None:
         return _of_shift(log, rows, shifted)
     first = _first_of(log, rows, base)
-    found = ParameterSearch(claim, rows, base).found()
+    found = ParameterSearch(assumed, rows, base).found()
     if found is not None:
-        return FirmwareResult(log.source, PARAMETER, first, {"parameter": _entry_of(claim, found)})
+        return FirmwareResult(
+            log.source, PARAMETER, first, {"parameter": _entry_of(assumed, found)}
+        )
     return FirmwareResult(log.source, BUILD, first)
 
 
@@ -123,12 +125,12 @@ def _shifted(rows: np.ndarray, count: int) -> np.ndarray:
     return result
 
 
-def _shift_of(claim: FirmwareClaim, rows: np.ndarray) -> int | None:
+def _shift_of(assumed: AssumedFirmware, rows: np.ndarray) -> int | None:
     """The least shift of the trigger with which all rows agree; the board cannot see a trigger
     before it is pulled.
     """
     for count in range(1, SHIFT_ROWS + 1):
-        if replay(claim, _shifted(rows, count)).row >= len(rows):
+        if replay(assumed, _shifted(rows, count)).row >= len(rows):
             return count
     return None
 
@@ -143,7 +145,7 @@ def _of_shift(log: Log, rows: np.ndarray, count: int) -> FirmwareResult:
     return FirmwareResult(log.source, STATE_TICK, first, {"trigger_rows": count})
 
 
-def _entry_of(claim: FirmwareClaim, found: FoundParameter) -> dict[str, Any]:
+def _entry_of(assumed: AssumedFirmware, found: FoundParameter) -> dict[str, Any]:
     entry: telemetry.Parameter = parameter(found.name)
     scale = 2**entry.q
     return {
@@ -151,5 +153,5 @@ def _entry_of(claim: FirmwareClaim, found: FoundParameter) -> dict[str, Any]:
         "unit": entry.unit,
         "value": found.raw / scale,
         "range": [found.low / scale, found.high / scale],
-        "believed": claim.raw(entry.name) / scale,
+        "assumed": assumed.raw(entry.name) / scale,
     }

@@ -1,4 +1,4 @@
-"""The table of a page that states whether the firmware of each log is the believed one."""
+"""The table of a page that states whether the firmware of each log is the assumed one."""
 
 from collections.abc import Sequence
 
@@ -19,14 +19,14 @@ HEADER = [
 
 
 def firmware_table(results: Sequence[FirmwareResult]) -> Table:
-    """One row for each log: the finding, the first tick that the believed firmware does not give,
+    """One row for each log: the finding, the first tick that the assumed firmware does not give,
     and where the log leaves the firmware's closed loop with the simulated tool.
     """
     rows = []
     for result in results:
         first = result.first or {}
         found = [first.get(name) for name in ("time_s", "signal", "logged", "expected")]
-        rows.append([result.log, result.kind or "as believed", *found, *_loop(result.closed_loop)])
+        rows.append([result.log, result.kind or "as assumed", *found, *_loop(result.closed_loop)])
     return Table("firmware", "Firmware on the measured inputs, and in closed loop", HEADER, rows)
 
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgroove import _replay, telemetry
-from vgroove.firmware_replay.claim import FirmwareClaim
+from vgroove.firmware_replay.assumed_firmware import AssumedFirmware
 from vgroove.firmware_replay.rows import COMPARE, STATE
 
-# Factors of the believed value; the first ones decide whether a parameter acts on the rows at all.
+# Factors of the assumed value; the first ones decide whether a parameter acts on the rows at all.
 SCREEN = (0.5, 0.8, 1.25, 2.0)
 FACTORS = (0.3, 0.4, 0.65, 0.9, 0.95, 1.05, 1.1, 1.55, 2.6, 3.5)
-ZERO_STEPS = 12  # values of a parameter whose believed value is 0, over its range
+ZERO_STEPS = 12  # values of a parameter whose assumed value is 0, over its range
 REFINED = 8  # parameters that are searched further
 INNER = 3  # values between two others
 # Parameters of which a log shows nothing, or that change the meaning of its columns
@@ -37,10 +37,10 @@ class Parting:
 
 
 def replay(
-    claim: FirmwareClaim, rows: np.ndarray, attempts: tuple[tuple[int, int], ...] = ATTEMPTS
+    assumed: AssumedFirmware, rows: np.ndarray, attempts: tuple[tuple[int, int], ...] = ATTEMPTS
 ) -> Parting:
-    """The longest replay of rows (vgroove.firmware_replay.rows) with the firmware of a claim."""
-    image, pulses, best = claim.image(), claim.raw("hall_pulses"), None
+    """The longest replay of rows (vgroove.firmware_replay.rows) with an assumed firmware."""
+    image, pulses, best = assumed.image(), assumed.raw("hall_pulses"), None
     for most, spread in attempts:
         found = Parting(*_replay.replay(image, rows, most, spread, pulses))
         if best is None or found.row > best.row:
@@ -63,27 +63,27 @@ class FoundParameter:
 class ParameterSearch:
     """Replays with one changed parameter; `rows` (n, 6)."""
 
-    def __init__(self, claim: FirmwareClaim, rows: np.ndarray, base: Parting) -> None:
-        self.claim, self.rows, self.base = claim, rows, base
-        self.quick = replay(claim, rows, (QUICK,))
+    def __init__(self, assumed: AssumedFirmware, rows: np.ndarray, base: Parting) -> None:
+        self.assumed, self.rows, self.base = assumed, rows, base
+        self.quick = replay(assumed, rows, (QUICK,))
         self.known: dict[tuple[str, int], Parting] = {}
         self.longer: set[str] = set()
 
     def parting(self, name: str, raw: int) -> Parting:
         """Parting with another stored value of a parameter."""
         if (name, raw) not in self.known:
-            self.known[name, raw] = self._replayed(self.claim.with_raw(name, raw), name)
+            self.known[name, raw] = self._replayed(self.assumed.with_raw(name, raw), name)
         return self.known[name, raw]
 
-    def _replayed(self, claim: FirmwareClaim, name: str) -> Parting:
+    def _replayed(self, assumed: AssumedFirmware, name: str) -> Parting:
         """A quick attempt; all of them where one of its values has given a longer replay than the
-        believed firmware.
+        assumed firmware.
         """
-        found = replay(claim, self.rows, (QUICK,))
+        found = replay(assumed, self.rows, (QUICK,))
         if found.row > self.base.row:
             self.longer.add(name)
         thorough = name in self.longer and found.row < len(self.rows)
-        return replay(claim, self.rows) if thorough else found
+        return replay(assumed, self.rows) if thorough else found
 
     def score(self, name: str, raw: int) -> tuple[int, int]:
         """Quality of a value, larger is better: the number of rows that agree, and minus the error
@@ -101,7 +101,7 @@ class ParameterSearch:
         """
         best = []
         for entry in telemetry.parameter_list():
-            if _acts_in(entry.name, self.claim.mode) and self._acts(entry):
+            if _acts_in(entry.name, self.assumed.mode) and self._acts(entry):
                 values = self._values(entry, FACTORS + SCREEN)
                 best.append((self._rank(entry.name, values), entry))
         best.sort(key=lambda pair: pair[0], reverse=True)
@@ -146,12 +146,12 @@ class ParameterSearch:
         return found.expected - int(self.rows[found.row, column])
 
     def _values(self, entry: telemetry.Parameter, factors: tuple[float, ...]) -> list[int]:
-        believed = self.claim.raw(entry.name)
-        values = [round(believed * factor) for factor in factors]
-        if believed == 0:
+        assumed = self.assumed.raw(entry.name)
+        values = [round(assumed * factor) for factor in factors]
+        if assumed == 0:
             values = np.linspace(entry.minimum, entry.maximum, ZERO_STEPS).astype(int).tolist()
         values = {int(np.clip(v, entry.minimum, entry.maximum)) for v in values}
-        return sorted(values - {believed})
+        return sorted(values - {assumed})
 
     def _acts(self, entry: telemetry.Parameter) -> bool:
         return any(self.parting(entry.name, v) != self.quick for v in self._values(entry, SCREEN))
@@ -160,7 +160,7 @@ class ParameterSearch:
         """The value with which all rows agree, between two whose replays are long and miss the log
         on its two sides, or next to the value of the longest replay.
         """
-        values = sorted({*self._values(entry, FACTORS + SCREEN), self.claim.raw(entry.name)})
+        values = sorted({*self._values(entry, FACTORS + SCREEN), self.assumed.raw(entry.name)})
         best = self._rank(entry.name, values)[2]
         while not self.agrees(entry.name, best):
             low, high = self._bracket(entry.name, values, best)

@@ -1,4 +1,4 @@
-"""The firmware that a board is believed to run: mode and EEPROM parameters, from a JSON file."""
+"""The firmware that a board is assumed to run: mode and EEPROM parameters, from a JSON file."""
 
 import json
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ KEYS = ("mode", "params")
 
 
 @dataclass(frozen=True)
-class FirmwareClaim:
+class AssumedFirmware:
     """Mode by its name, and the EEPROM parameters that differ from their defaults, by name and in
     their physical units.
     """
@@ -31,14 +31,14 @@ class FirmwareClaim:
         value = self.params.get(entry.name)
         return entry.default if value is None else round(value * 2**entry.q)
 
-    def with_raw(self, name: str, raw: int) -> "FirmwareClaim":
-        """The claim with another stored integer of a parameter."""
+    def with_raw(self, name: str, raw: int) -> "AssumedFirmware":
+        """The assumed firmware with another stored integer of a parameter."""
         return replace(self, params={**self.params, name: raw / 2 ** parameter(name).q})
 
 
-def read_claim(path: Path) -> FirmwareClaim:
-    """The claim in a JSON file {"mode": NAME, "params": {NAME: VALUE}}; VgrooveError for another
-    content.
+def read_assumed_firmware(path: Path) -> AssumedFirmware:
+    """The assumed firmware in a JSON file {"mode": NAME, "params": {NAME: VALUE}}; VgrooveError for
+    another content.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -55,13 +55,15 @@ def read_claim(path: Path) -> FirmwareClaim:
     return _checked(path, mode, params)
 
 
-def _checked(path: Path, mode: str, params: Mapping[str, object]) -> FirmwareClaim:
+def _checked(path: Path, mode: str, params: Mapping[str, object]) -> AssumedFirmware:
     for name, value in params.items():
         if not isinstance(value, Real) or isinstance(value, bool):
             raise VgrooveError(f"{path}: the parameter {name} is no number.")
     try:
-        claim = FirmwareClaim(mode, {parameter(name).name: value for name, value in params.items()})
-        claim.image()
+        assumed = AssumedFirmware(
+            mode, {parameter(name).name: value for name, value in params.items()}
+        )
+        assumed.image()
     except VgrooveError as error:
         raise VgrooveError(f"{path}: {error}.") from None
-    return claim
+    return assumed
