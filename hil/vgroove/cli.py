@@ -557,8 +557,9 @@ def log_check(
     maps: Maps = None,
     map_file: MapFile = None,
 ) -> None:
-    """Rows, rate, gaps, ranges and signs of a log; with --rig also its units, the convention of its
-    rows, and the time that a diagnosis takes. Exit code 2 for a log that a diagnosis would refuse.
+    """Rows, rate, missing rows, ranges and signs of a log; with --rig also its units, the
+    convention of its rows, and the time that a diagnosis takes. Exit code 2 for a log that a
+    diagnosis would refuse.
     """
     from vgroove.gap.log_check.command import check_file
     from vgroove.log import read_log

@@ -46,7 +46,7 @@ ROUNDING = 1e-6  # of a period, by which the time of a fault may miss the start 
 
 @dataclass
 class State:
-    """What an injected fault knows: a seed, the last inputs before it, the level of the Hall
+    """State of an injected fault: a seed, the last inputs before it, the level of the Hall
     line.
     """
 

@@ -7,7 +7,7 @@ import python_rules
 import text_rules
 import tree_rules
 from rules import Violation
-from text_rules import first_person, history_words, long_lines, outside_citations
+from text_rules import first_person, history_words, long_lines, metaphors, outside_citations
 
 needs_git = pytest.mark.skipif(not tree_rules.TREE, reason="not in a git work tree")
 
@@ -178,3 +178,23 @@ def test_an_attribute_looked_up_by_a_literal_name_is_caught() -> None:
     text = 'a = getattr(b, "c", None)\nif hasattr(b, "d"):\n    pass\n'
     assert len(python_rules.literal_attributes(path, text)) == 2
     assert python_rules.literal_attributes(path, "a = getattr(b, name)\n") == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "an angle that no log tells",
+        "at rest, as far as it tells",
+        "corrected as far as its covariance tells",
+        "a finding that speaks against the log",
+        "a count that says little about the speed",
+        "the believed firmware",
+        "a gain that is credited to an effect",
+    ],
+)
+def test_a_metaphor_is_caught(text: str) -> None:
+    assert len(metaphors("a.py", f"# {text}\n")) == 1
+
+
+def test_terms_of_the_field_are_no_metaphors() -> None:
+    assert metaphors("a.py", "# two runs that tell effects apart; findings against a log\n") == []

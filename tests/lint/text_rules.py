@@ -64,6 +64,17 @@ HISTORY = (
     r"\bin (?:earlier|older|former|previous) versions?\b",
 )
 HISTORY_WORD = re.compile("|".join(HISTORY), re.IGNORECASE)
+# Figures of speech: logs, numbers and programs neither tell, say, know nor believe.
+METAPHORS = (
+    r"\bno log tells\b",
+    r"\bas far as (?:it|its \w+) tells?\b",
+    r"\b(?:speaks?|says?) (?:against|little about)\b",
+    r"\b(?:nobody|neither) knows\b",
+    r"\bknows neither\b",
+    r"\bbelieved\b",
+    r"\bcredited\b",
+)
+METAPHOR = re.compile("|".join(METAPHORS), re.IGNORECASE)
 FIRST_PERSON = re.compile(r"\b(?:we|our|ours)\b", re.IGNORECASE)
 
 HASH_COMMENTS = (".toml", ".cmake", ".ini", ".yml", ".sh", ".cfg")
@@ -181,6 +192,11 @@ def words_of(pattern: re.Pattern[str], path: str, text: str, what: str) -> list[
 def history_words(path: str, text: str) -> list[Violation]:
     """Words that compare with an earlier state of the project."""
     return words_of(HISTORY_WORD, path, text, "a word of history")
+
+
+def metaphors(path: str, text: str) -> list[Violation]:
+    """Figures of speech in place of the term of the field."""
+    return words_of(METAPHOR, path, text, "a metaphor")
 
 
 def first_person(path: str, text: str) -> list[Violation]:

@@ -43,6 +43,7 @@ RULES: dict[str, Rule] = {
     "citation": cited,
     "history": text_rules.history_words,
     "person": text_rules.first_person,
+    "metaphors": text_rules.metaphors,
     "stages": of_python(python_rules.stage_violations),
     "arguments": of_python(python_rules.many_arguments),
     "attributes": of_python(python_rules.literal_attributes),

@@ -66,7 +66,7 @@ def test_lugs_that_are_worn_by_a_quarter_are_found() -> None:
     assert search.reported_gap(search.fits[("lug_wear",)]) < 1.3
 
 
-def test_a_poor_minimum_of_the_tolerated_keys_is_not_credited_to_an_effect() -> None:
+def test_a_poor_minimum_of_the_tolerated_keys_is_not_attributed_to_an_effect() -> None:
     loose = impact_rig().as_dict() | {"tolerance": {"motor.resistance_ohm": 0.05}}
     rig = rig_from_dict(loose, "loose")
     tool = rig.with_values({"motor.resistance_ohm": 1.04 * rig.motor["resistance_ohm"]})

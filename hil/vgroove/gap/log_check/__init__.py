@@ -73,8 +73,8 @@ def checked_logs(
     """Logs of one tool (vgroove.log.Log or alike) with the warnings of their checks. joints: for
     each log the rig with its own joint (empty: all have the rig's).
 
-    VgrooveError for a log that is given twice and, unless as_is, for one whose values speak against
-    its use; it names all of them.
+    VgrooveError for a log that is given twice and, unless as_is, for one with findings against its
+    use; it names all of them.
     """
     refuse_same_log(logs)
     if as_is:

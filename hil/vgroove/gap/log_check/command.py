@@ -1,4 +1,4 @@
-"""The command `vgroove log check`: reads a log, prints what it holds and what speaks against its
+"""The command `vgroove log check`: reads a log, prints what it holds and the findings against its
 use.
 """
 
@@ -47,10 +47,13 @@ def print_check(check: LogCheck, warnings: list[str], out: Console) -> None:
 
 def fact_lines(facts: LogFacts) -> list[str]:
     """Sentences on a log as a whole."""
-    gaps = f"{facts.gaps} gaps, the longest {facts.longest_gap_s:.4g} s" if facts.gaps else "no gap"
+    missing = "no missing rows"
+    if facts.missing_intervals:
+        longest = f"{facts.longest_missing_s:.4g} s"
+        missing = f"missing rows in {facts.missing_intervals} intervals, the longest {longest}"
     lines = [
         f"{facts.source}: {facts.rows} rows in {facts.duration_s:.4g} s, median interval "
-        f"{facts.interval_s:.4g} s ({facts.rate_hz:.4g} Hz), {gaps}",
+        f"{facts.interval_s:.4g} s ({facts.rate_hz:.4g} Hz), {missing}",
         f"command: rows are {facts.command_rows} ({facts.command_rows_reason})",
         f"a diagnosis takes about {facts.diagnosis_s:.0f} s of processor time "
         f"({facts.diagnosis_longer})",

@@ -1,4 +1,4 @@
-"""Facts of a log: rows, rate, gaps, and range and sign of each column."""
+"""Facts of a log: rows, rate, missing rows, and range and sign of each column."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,9 @@ from vgroove.gap.cleaning.long_logs import LIMITS as REDUCTION
 from vgroove.log import COLUMN_UNITS, Log, current_is_unsigned
 from vgroove.rig import Rig
 
-# A gap is longer than this many median row intervals (chosen: two lost rows)
-GAP_INTERVALS = 2.5
+# Rows are missing in an interval of more than this many median row intervals (chosen: two lost
+# rows)
+MISSING_AFTER_INTERVALS = 2.5
 # Judged rows, and processor time of a diagnosis in s. Measured on robotino_m1_current (1.3 s),
 # practice_001 and 009 (17 s) and a log of 5 million rows, of which 40,000 are judged (53 s). A log
 # that is compared in its torque balance takes up to three times as long (robotino_m1_delay, 2,292
@@ -42,9 +43,10 @@ class ColumnFacts:
 
 @dataclass(frozen=True)
 class LogFacts:
-    """What a log holds; interval_s is the median row interval. command_rows: interval, instant or
-    unknown; diagnosis_s: estimated processor time of a diagnosis; diagnosis_longer: when it takes
-    longer.
+    """What a log holds; interval_s is the median row interval; missing_intervals: number of
+    intervals in which rows are missing, longest_missing_s: the longest of them, 0 without one.
+    command_rows: interval, instant or unknown; diagnosis_s: estimated processor time of a
+    diagnosis; diagnosis_longer: when it takes longer.
     """
 
     source: str
@@ -52,8 +54,8 @@ class LogFacts:
     duration_s: float
     interval_s: float
     rate_hz: float
-    gaps: int
-    longest_gap_s: float
+    missing_intervals: int
+    longest_missing_s: float
     columns: dict[str, ColumnFacts]
     driven_by: str | None
     unsigned_current: bool
@@ -77,8 +79,8 @@ def facts_of(log: Log, rig: Rig | None) -> LogFacts:
         duration_s=duration_s,
         interval_s=median,
         rate_hz=1.0 / median,
-        gaps=int(np.count_nonzero(intervals > GAP_INTERVALS * median)),
-        longest_gap_s=longest if longest > GAP_INTERVALS * median else 0.0,
+        missing_intervals=int(np.count_nonzero(intervals > MISSING_AFTER_INTERVALS * median)),
+        longest_missing_s=longest if longest > MISSING_AFTER_INTERVALS * median else 0.0,
         columns={name: column_facts(name, values) for name, values in log.columns.items()},
         driven_by=None if rig is None else rig.input["kind"],
         unsigned_current=current_is_unsigned(log),

@@ -36,7 +36,7 @@ class LogCheck:
 
     @property
     def refused(self) -> bool:
-        """Whether a finding speaks against a use of the log."""
+        """Whether there is a finding against the use of the log."""
         return any(finding.refuses for finding in self.findings)
 
     def as_dict(self) -> dict[str, Any]:

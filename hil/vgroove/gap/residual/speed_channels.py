@@ -49,7 +49,7 @@ def edge_speed_channel(log: CleanLog, edges: EdgePeriods) -> SpanChannel:
     speed_rpm = log.columns["speed_rpm"]
     missed = estimate_missed_edges(edges)
     sigma = sigma_with_missed_rpm(log.rig, edges, missed)
-    # of a period that began before the log nobody knows what the shaft did in it
+    # the log does not hold the motion in a period that began before it
     begun = edges.start_s > log.time_s[0] - log.interval_s
     keep = ~edges.timeout & ~near_reversal(edges) & begun
     timeout_s = log.rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S)

@@ -375,8 +375,8 @@ def closes_too_little(search: Search, best: Fit) -> bool:
 
     The share of one effect is that of the gap before retuning, over the judged blocks or over all,
     whichever is larger, or in one column alone: an error of the current sensor closes nothing in
-    the speed. What retuning closes is thus credited to the effect, provided that the effect closes
-    the larger part of what retuning leaves.
+    the speed. What retuning closes is thus attributed to the effect, provided that the effect
+    closes the larger part of what retuning leaves.
     """
     least = DECISION.min_closed[len(best.ids) - 1]
     beyond = closed_beyond_retuning(search, best)

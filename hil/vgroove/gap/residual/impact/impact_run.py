@@ -58,9 +58,10 @@ class ImpactRun:
     the rig states the start angle of the hammer); reader: of the cycle's statistics; run_up: spans
     before the cycle has settled; measured, sigma (n,): the log's statistics, part by part, and
     their standard deviations, infinite for those that are not judged; nuisance: how the judged ones
-    respond to what no log tells; search: of the start angle of the hammer (None: no run-up);
-    pulses: edges a turn of a Hall sensor (0: the speed is not made from edges); timeout_s: after
-    which it reads 0; fills: of the columns with missing samples, which a simulation must lack too.
+    respond to what a log does not determine; search: of the start angle of the hammer (None: no
+    run-up); pulses: edges a turn of a Hall sensor (0: the speed is not made from edges); timeout_s:
+    after which it reads 0; fills: of the columns with missing samples, which a simulation must lack
+    too.
     """
 
     log: Any
@@ -180,7 +181,7 @@ def prepare_impact_run(clean: CleanLog) -> ImpactRun:
 
 
 def begins_at_rest(values: Mapping[str, np.ndarray], noise: Mapping[str, float]) -> bool:
-    """Whether a log begins at rest, as far as it tells."""
+    """Whether a log begins at rest, as far as its columns determine it."""
     if "speed_rpm" not in values:
         return True
     return bool(np.abs(values["speed_rpm"][0]) <= REST_SIGMAS * noise["speed_rpm"])

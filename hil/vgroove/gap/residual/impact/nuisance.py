@@ -1,4 +1,4 @@
-"""Nuisance directions: how the statistics of a log respond to what no log tells. A residual is
+"""Nuisance directions: how the statistics respond to what is not determined by a log. A residual is
 judged under the covariance 1 + A A', A (n, m) the responses to one standard deviation of each
 nuisance, in standard deviations of the statistics: what a nuisance explains is no gap, all else
 keeps the sharpness of its own noise.

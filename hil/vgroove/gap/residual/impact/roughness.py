@@ -1,5 +1,6 @@
 """How the statistics of a hammering log respond to the roughness of the joint: a slip torque that
-varies along the joint, which no log tells. Windows that meet the same place meet the same torque.
+varies along the joint and is not determined by a log. Windows that meet the same place meet the
+same torque.
 """
 
 from collections.abc import Callable

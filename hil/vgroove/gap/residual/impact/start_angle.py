@@ -1,5 +1,5 @@
-"""The start angle of the hammer, which no log tells but which its run-up shows: the angle at which
-the simulation follows the log best, for each parameter set (profile likelihood).
+"""The start angle of the hammer, which no column of a log holds but which its run-up determines:
+the angle at which the simulation follows the log best, for each parameter set (profile likelihood).
 
 The motion settles on a limit cycle, so the start matters in the run-up only. Where several limit
 cycles exist, different starts may reach different ones, and the cycles of all are compared.
