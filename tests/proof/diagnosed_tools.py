@@ -254,7 +254,7 @@ def summary(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         compared[name] = torque_drawn.compare([row for one in found for row in one["drives"][name]])
     for one in found:
         each = {name: torque_drawn.compare(rows) for name, rows in one["drives"].items()}
-        kept = ("reached", "beyond_goal", "untold", "mean_error", "std", "worst")
+        kept = ("reached", "beyond_goal", "missed_reported_reached", "mean_error", "std", "worst")
         short = {name: {key: of.get(key) for key in kept} for name, of in each.items()}
         tools.append({**one, "drives": short})
     return {

@@ -158,7 +158,7 @@ def hammering_tool(name: str) -> list[str]:
 
 def seconds_text(cost: dict[str, float]) -> str:
     """Median and maximum of a cost."""
-    return f"{cost['median']:.0f}, {cost['most']:.0f}"
+    return f"{cost['median']:.0f}, {cost['max']:.0f}"
 
 
 def measured_regime(name: str) -> list[str]:
@@ -380,7 +380,7 @@ def diagnosed_tools() -> list[str]:
             f"{100 * of['quantile_low']:+.1f} %; {100 * of['quantile_high']:+.1f} %",
             f"{100 * of['worst']:+.1f} %",
             of["beyond_goal"],
-            of["untold"],
+            of["missed_reported_reached"],
         )
         for name, words in names.items()
         for of in (result["all"][name],)
@@ -599,9 +599,9 @@ DRAWN = {
             ("worst", "worst", "%"),
             ("off by more than 3 %", "beyond_goal", ""),
             ("targets met of 81", "targets_met", ""),
-            ("misses reported as reached", "untold", ""),
+            ("misses reported as reached", "missed_reported_reached", ""),
         ],
-        ("untold_low", "untold_high"),
+        ("missed_reported_reached_low", "missed_reported_reached_high"),
     ),
 }
 

@@ -33,7 +33,7 @@ CHECK = [
     ("std", "std"),
     ("worst", "worst"),
     ("reached, error > 3 %", "beyond_goal"),
-    ("misses not reported", "untold"),
+    ("misses not reported", "missed_reported_reached"),
 ]
 
 

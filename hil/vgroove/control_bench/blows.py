@@ -60,38 +60,38 @@ def opened_s(run: Run) -> float:
 
 
 def repeat_figures(reported: np.ndarray, blows_s: np.ndarray, repeats_s: np.ndarray) -> Figures:
-    """Numbers of true, reported ("told") and rightly reported repeats.
+    """Numbers of true, reported and rightly reported repeats.
 
     `reported` (n, len(REPORTED)) are the board's blows, `blows_s` and `repeats_s` the times of the
     plant's blows and repeats. Of the repeats between two true blows the smaller one of the true and
     the reported number counts as right. The board reports repeats for each lug.
     """
     if len(blows_s) < 2:
-        return {"repeats": len(repeats_s), "repeats_told": 0, "repeats_right": 0}
+        return {"repeats": len(repeats_s), "repeats_reported": 0, "repeats_right": 0}
     edges = np.append(blows_s, np.inf)
     true = np.histogram(repeats_s, edges)[0]
     counted = np.histogram(reported[:, 0], edges, weights=reported[:, 1] * reported[:, 2])[0]
     right = np.minimum(true, counted).sum()
     return {
         "repeats": int(true.sum()),
-        "repeats_told": int(counted.sum()),
+        "repeats_reported": int(counted.sum()),
         "repeats_right": int(right),
     }
 
 
 def period_figures(reported: np.ndarray, blows_s: np.ndarray) -> Figures:
     """Reported against true periods after SETTLE_S: relative error of the running mean, and the
-    spreads (mean absolute deviation over mean) of the true and of the reported ("told") periods.
+    spreads (mean absolute deviation over mean) of the true and of the reported periods.
     """
     true = np.diff(blows_s[blows_s > PULL_S + SETTLE_S])
     rows = reported[reported[:, 0] > PULL_S + SETTLE_S]
     if len(true) < MIN_PERIODS or len(rows) < MIN_PERIODS:
-        return {"period_error": None, "spread": None, "spread_told": None}
+        return {"period_error": None, "spread": None, "spread_reported": None}
     mean = true.mean()
     return {
         "period_error": float(abs(rows[:, 4].mean() / mean - 1.0)),
         "spread": float(np.abs(true - mean).mean() / mean),
-        "spread_told": float(rows[:, 5].mean()),
+        "spread_reported": float(rows[:, 5].mean()),
     }
 
 
@@ -146,7 +146,7 @@ def repeat_score(chosen: Sequence[Figures]) -> Figures:
     their goals.
     """
     reported, true, right = (
-        sum(r[key] for r in chosen) for key in ("repeats_told", "repeats", "repeats_right")
+        sum(r[key] for r in chosen) for key in ("repeats_reported", "repeats", "repeats_right")
     )
     return {
         "repeats": true,
@@ -160,7 +160,7 @@ def repeats_right(row: Figures) -> bool:
     """Whether precision and recall of a cell reach REPEAT_GOALS; true where both true and reported
     repeats are at most FEW_REPEATS.
     """
-    reported, true, right = row["repeats_told"], row["repeats"], row["repeats_right"]
+    reported, true, right = row["repeats_reported"], row["repeats"], row["repeats_right"]
     few = reported <= FEW_REPEATS and true <= FEW_REPEATS
     return few or (
         right >= REPEAT_GOALS["precision"] * reported and right >= REPEAT_GOALS["recall"] * true
@@ -176,7 +176,9 @@ def period_score(chosen: Sequence[Figures]) -> Figures:
     return {
         "period_error": float(np.mean([r["period_error"] for r in judged])) if judged else None,
         "spread": float(np.mean([r["spread"] for r in steady])) if steady else None,
-        "spread_told": float(np.mean([r["spread_told"] for r in steady])) if steady else None,
+        "spread_reported": (
+            float(np.mean([r["spread_reported"] for r in steady])) if steady else None
+        ),
     }
 
 

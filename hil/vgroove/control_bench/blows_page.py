@@ -36,7 +36,7 @@ REPEATS = [
     ("cells", "cells"),
     ("error of the period", "period_error"),
     ("spread in step", "spread"),
-    ("spread reported", "spread_told"),
+    ("spread reported", "spread_reported"),
 ]
 REPEAT_CELLS = [
     ("variant", "variant"),
@@ -46,7 +46,7 @@ REPEAT_CELLS = [
     ("trigger", "trigger"),
     ("blows", "blows"),
     ("repeats", "repeats"),
-    ("reported", "repeats_told"),
+    ("reported", "repeats_reported"),
     ("right", "repeats_right"),
 ]
 CELLS = [
@@ -149,7 +149,9 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
 def cell_tables(rows: Sequence[Figures]) -> list[Table]:
     """Cells with repeats, and cells with a wrong count."""
     repeats = [
-        r for r in blows.in_range(rows) if max(r["repeats"], r["repeats_told"]) > blows.FEW_REPEATS
+        r
+        for r in blows.in_range(rows)
+        if max(r["repeats"], r["repeats_reported"]) > blows.FEW_REPEATS
     ]
     wrong = [r for r in rows if abs(r["error"]) > 1]
     return [

@@ -213,8 +213,8 @@ def jobs(
 def cell_figures(
     rows: Sequence[Figures], target_nm: float, slope: float, variant: str
 ) -> Figures | None:
-    """Standard deviation and mean error of one cell over its joints; `told` counts the joints
-    whose target the controller reported as refused or missed. None without joints.
+    """Standard deviation and mean error of one cell over its joints; `refused_or_missed` counts the
+    joints whose target the controller reported as refused or missed. None without joints.
     """
     chosen = [
         r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)
@@ -233,7 +233,7 @@ def cell_figures(
         "slope": slope,
         "variant": variant,
         "runs": len(chosen),
-        "told": len(chosen) - len(done),
+        "refused_or_missed": len(chosen) - len(done),
         "std": float(done.std() / target_nm) if len(done) > 1 else None,
         "mean_error": float(done.mean() / target_nm - 1.0) if len(done) else None,
         "least_nm": float(done.min()) if len(done) else None,
@@ -262,13 +262,15 @@ def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> F
         "variant": variant,
         "cells": len(found),
         "cells_met": sum(
-            f["std"] <= GOALS["std"] and abs(f["mean_error"]) <= GOALS["mean"] and f["told"] == 0
+            f["std"] <= GOALS["std"]
+            and abs(f["mean_error"]) <= GOALS["mean"]
+            and f["refused_or_missed"] == 0
             for f in good
         ),
         "std_rms": float(np.sqrt(np.mean([f["std"] ** 2 for f in good]))) if good else None,
         "std_most": max((f["std"] for f in good), default=None),
         "mean_error_most": max((abs(f["mean_error"]) for f in good), default=None),
-        "told": sum(f["told"] for f in found),
+        "refused_or_missed": sum(f["refused_or_missed"] for f in found),
         **alpha(pooled),
     }
 

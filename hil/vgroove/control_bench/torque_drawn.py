@@ -97,7 +97,7 @@ def reached(row: Figures) -> bool:
     return row["reason"] not in (*REASONS_REFUSED, "timeout")
 
 
-def untold(row: Figures) -> bool:
+def missed_reported_reached(row: Figures) -> bool:
     """Whether a miss was reported as reached."""
     return reached(row) and abs(row["error"]) > MISSED
 
@@ -114,13 +114,13 @@ def target_figures(rows: Sequence[Figures]) -> list[Figures]:
             "target_nm": target,
             "runs": len(here),
             "reached": len(errors),
-            "untold": sum(untold(row) for row in here),
+            "missed_reported_reached": sum(missed_reported_reached(row) for row in here),
             "mean_error": float(errors.mean()) if len(errors) else None,
             "std": float(errors.std()) if len(errors) else None,
             "worst": float(errors[np.argmax(abs(errors))]) if len(errors) else None,
         }
         met = not len(errors) or max(abs(errors.mean()), errors.std()) <= GOAL
-        found.append({**figures, "met": bool(met and not figures["untold"])})
+        found.append({**figures, "met": bool(met and not figures["missed_reported_reached"])})
     return found
 
 
@@ -130,7 +130,7 @@ def compare(rows: Sequence[Figures]) -> Figures:
     share; targets that meet the goals.
     """
     errors = np.array([row["error"] for row in rows if reached(row)])
-    failures = sum(untold(row) for row in rows)
+    failures = sum(missed_reported_reached(row) for row in rows)
     low, high = failure_interval(failures, len(rows))
     targets = target_figures(rows)
     false_alarms = [row for row in rows if not reached(row) and abs(row["error"]) <= GOAL]
@@ -139,9 +139,9 @@ def compare(rows: Sequence[Figures]) -> Figures:
         "reached": len(errors),
         "false_alarms": len(false_alarms),
         "beyond_goal": int((abs(errors) > GOAL).sum()),
-        "untold": failures,
-        "untold_low": low,
-        "untold_high": high,
+        "missed_reported_reached": failures,
+        "missed_reported_reached_low": low,
+        "missed_reported_reached_high": high,
         "targets": len(targets),
         "targets_met": sum(target["met"] for target in targets),
     }

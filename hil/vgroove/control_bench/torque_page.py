@@ -22,7 +22,7 @@ SUMMARY = [
     ("std of a cell, RMS", "std_rms"),
     ("std of a cell, largest", "std_most"),
     ("mean error, largest", "mean_error_most"),
-    ("refused or missed", "told"),
+    ("refused or missed", "refused_or_missed"),
     ("tightening factor, torque alone", "alpha_torque"),
     ("tightening factor with bolt friction", "alpha"),
 ]
@@ -36,7 +36,7 @@ CELLS = [
     ("mean error", "mean_error"),
     ("least in N m", "least_nm"),
     ("largest in N m", "most_nm"),
-    ("refused or missed", "told"),
+    ("refused or missed", "refused_or_missed"),
 ]
 WAVE_NM = 80.0
 COLOURS = ("#888888", "#edae49", "#d1495b")
@@ -87,7 +87,7 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
             f["set"],
             ("standard deviation, worst cell in reach", f["std_most"], limits["std"]),
             ("mean error, worst cell in reach", f["mean_error_most"], limits["mean"]),
-            ("refused or missed although in reach", f["told"], 0),
+            ("refused or missed although in reach", f["refused_or_missed"], 0),
         )
     return listed
 

@@ -10,7 +10,7 @@ from vgroove.gap_bench.score import KINDS, POWER_EDGES
 from vgroove.html_page import Card, Page, Picture, Table, style
 
 # Quantiles of a cost: key of the JSON -> words.
-QUANTILES = {"median": "median", "tenth above": "90th percentile", "most": "maximum"}
+QUANTILES = {"median": "median", "p90": "90th percentile", "max": "maximum"}
 # Unit and goal of each cost; goals of the median and the 90th percentile, or of the maximum.
 COST_UNITS = {
     "seconds": ("s", "8 / 20 s"),

@@ -173,8 +173,8 @@ def closed(cases: Sequence[Scored]) -> dict[str, Any]:
 
 
 def cost(cases: Sequence[Scored]) -> dict[str, Any]:
-    """Seconds and memory of a diagnosis: median, 90th percentile (key "tenth above")
-    and maximum (key "most").
+    """Seconds and memory of a diagnosis: median, 90th percentile (key "p90")
+    and maximum (key "max").
     """
     out: dict[str, Any] = {"of": len(cases)}
     for key in ("seconds", "cpu_seconds", "memory_mib"):
@@ -183,8 +183,8 @@ def cost(cases: Sequence[Scored]) -> dict[str, Any]:
         if values:
             out[key] = {
                 "median": float(np.median(values)),
-                "tenth above": float(np.quantile(values, 0.9)),
-                "most": float(max(values)),
+                "p90": float(np.quantile(values, 0.9)),
+                "max": float(max(values)),
             }
     return out
 

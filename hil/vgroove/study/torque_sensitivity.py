@@ -44,13 +44,13 @@ def row(name: str, share: float) -> list[Any]:
     """Figures of one value over all targets and slopes."""
     found = [error(name, share, *cell) for cell in product(TARGETS_NM, SLOPES)]
     errors = np.array([value for value, _ in found])
-    untold = sum(reached and abs(value) > MISSED for value, reached in found)
+    missed_reported_reached = sum(reached and abs(value) > MISSED for value, reached in found)
     figures = (errors.mean(), errors.min(), errors.max())
     return [
         name,
         f"{100 * share:+g} %",
         *(f"{100 * f:+.1f} %" for f in figures),
-        untold,
+        missed_reported_reached,
         len(found),
     ]
 
