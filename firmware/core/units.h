@@ -11,9 +11,7 @@
 #define VGROOVE_CORE_UNITS_H
 
 #define UNITS_CURRENT_Q 9u
-#define UNITS_SPEED_Q 1u
 #define UNITS_DUTY_Q 15u
-#define UNITS_TEMPERATURE_Q 4u
 #define UNITS_COUNT_Q 4u
 
 #endif

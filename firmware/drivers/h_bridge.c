@@ -5,7 +5,6 @@
 #include "core/units.h"
 #include "hal/hal.h"
 
-#define COMPARE_FACTOR 510u                                             // 2 HAL_COMPARE_MAX
 #define TICK_REST_CYCLES (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_PERIOD)  // beyond whole periods
 
 // Cycles to the first TOP after a tick, from those of the tick before it.

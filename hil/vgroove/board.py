@@ -96,7 +96,7 @@ def is_sent(outputs: np.ndarray) -> np.ndarray:
 
 
 def sent_bytes(outputs: np.ndarray) -> bytes:
-    """The bytes that a board sent; outputs: (n,) of OUTPUTS."""
+    """The bytes that a board sent; outputs: (n,) of OUTPUTS. For the tests."""
     return outputs["tx"][is_sent(outputs)].tobytes()
 
 
@@ -257,5 +257,7 @@ def replay(elf: Path, inputs: bytes, *, mcu: str = "atmega328p", **options: obje
 
 
 def read_statistics(path: Path) -> dict:
-    """Report of vgroove-board on cycles, stack, UART, EEPROM and bridge (keys in docs/bench.md)."""
+    """Report of vgroove-board on cycles, stack, UART, EEPROM and bridge (keys in docs/bench.md).
+    For the tests.
+    """
     return json.loads(Path(path).read_text())

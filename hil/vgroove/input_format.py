@@ -70,7 +70,9 @@ def _described(section: str, kinds: tuple[str, ...]) -> dict:
 
 
 def with_tables(page: str) -> str:
-    """The page with each table between its markers `<!-- table NAME -->` and `<!-- end -->`."""
+    """The page with each table between its markers `<!-- table NAME -->` and `<!-- end -->`; a test
+    compares docs/input_format.md with it.
+    """
     for name, rows in tables().items():
         text = "\n".join(rows)
         pattern = rf"(<!-- table {name} -->\n).*?(\n<!-- end -->)"

@@ -14,19 +14,19 @@ def test_truth_is_the_joints_equation() -> None:
     """
     step = 1.0 / trap.LOG_HZ
     time_s = step * np.arange(1, 201)
-    motion = trap.moved(time_s, np.full(200, 0.1))
+    motion = trap.simulate_motion(time_s, np.full(200, 0.1))
     rest = (
         (0.1 - trap.COULOMB) / trap.DAMPING * (1.0 - np.exp(-time_s * trap.DAMPING / trap.INERTIA))
     )
     assert motion.speed_rad_s == pytest.approx(rest, rel=1e-4)
-    assert not trap.moved(time_s, np.full(200, 0.99 * trap.COULOMB)).speed_rad_s.any()
+    assert not trap.simulate_motion(time_s, np.full(200, 0.99 * trap.COULOMB)).speed_rad_s.any()
 
 
 def test_the_friction_is_named_and_the_damping_kept() -> None:
-    seen = trap.measured(trap.moved(*trap.drive(3, trap.TRAIN_S, trap.TRAIN_NM)), 3)
-    new = trap.moved(*trap.drive(1003, trap.NEW_S, trap.NEW_NM))
+    seen = trap.measured(trap.simulate_motion(*trap.excitation(3, trap.TRAIN_S, trap.TRAIN_NM)), 3)
+    new = trap.simulate_motion(*trap.excitation(1003, trap.NEW_S, trap.NEW_NM))
     answer = trap.own_answer(seen, new)
-    assert answer.says.startswith("The missing effect is coulomb friction:")
+    assert answer.printed_result.startswith("The missing effect is coulomb friction:")
     assert answer.damping == pytest.approx(
         trap.DAMPING, rel=0.02
     ) and answer.friction_nm == pytest.approx(trap.COULOMB, rel=0.02)

@@ -47,11 +47,6 @@ def pair(effect_id: str, part: float) -> tuple[Setting, Run, Run]:
     return setting, simulate(setting, NOISELESS)[0], simulate(setting, params | NOISELESS)[0]
 
 
-def top_half(run: Run) -> np.ndarray:
-    """Rows with more than 0.3 of the largest speed, over which means are loss_share."""
-    return np.abs(run.speed_rad_s) > 0.3 * np.max(np.abs(run.speed_rad_s))
-
-
 def mean_speed(run: Run) -> float:
     return float(np.mean(np.abs(run.speed_rad_s)))
 

@@ -146,7 +146,6 @@ public:
     double joint_torque() const { return joint_nm_; }
     double travel_m() const;
     double stored_energy() const;
-    double peak_torque() const { return peak_nm_; }
 
 private:
     struct Groove {

@@ -50,8 +50,8 @@ class ImpactRun:
     """Result of a run: `run` as of a tool without mechanism (the motor's side), the bench channels
     (n,) at the ends of the rows, and the blows (m,).
 
-    A blow is the first touch of a lug: time, number of the gap, speed of approach, largest joint
-    torque until the next blow, head angle and motor angle.
+    A blow is the first touch of a lug: time, speed of approach, largest joint torque until the next
+    blow, and head angle.
     """
 
     run: Run
@@ -59,11 +59,9 @@ class ImpactRun:
     anvil_angle_rad: np.ndarray
     hammer_mm: np.ndarray
     blow_s: np.ndarray
-    blow_gap: np.ndarray
     approach_rad_s: np.ndarray
     peak_nm: np.ndarray
     head_rad: np.ndarray
-    blow_motor_rad: np.ndarray
 
 
 def _load() -> ctypes.CDLL:
@@ -145,7 +143,9 @@ class ImpactGenerator:
         struck = min(lib.truth_impact_blows(self._tool, _pointer(blows), MOST_BLOWS), MOST_BLOWS)
         order = np.argsort(edges[0], kind="stable")
         run = Run(0.0, rows, *out.T[:5].copy(), edges[0][order], edges[1][order])
-        return ImpactRun(run, out[:, 5], out[:, 6], out[:, 7] * 1e3, *blows[:struck].T.copy())
+        # of a blow the library also writes the number of the gap (1) and the motor angle (5)
+        struck_blows = blows[:struck, [0, 2, 3, 4]].T.copy()
+        return ImpactRun(run, out[:, 5], out[:, 6], out[:, 7] * 1e3, *struck_blows)
 
     def _message(self, command: Command | None, slip: SlipTorque) -> _ImpactRun:
         """Command and joint as the library takes them; the arrays are kept, since it keeps their

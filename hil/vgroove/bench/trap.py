@@ -99,20 +99,20 @@ class Motion:
 class Answer:
     """Result of a method on the training data, and the error of its model on new data.
 
-    says: the text that the method prints as its result. speed_error: RMS error of the open-loop
-    speed on the new data, as a share of the RMS of the speed. friction_nm is None where none was
-    found.
+    printed_result: the text that the method prints. damping: fitted, N m s/rad. friction_nm:
+    Coulomb torque, N m, None where none was found. speed_error: RMS error of the open-loop speed on
+    the new data, as a share of the RMS of the speed. cpu_seconds: processor time.
     """
 
     name: str
-    says: str
+    printed_result: str
     damping: float
     friction_nm: float | None
     speed_error: float
     cpu_seconds: float
 
 
-def drive(seed: int, seconds: float, size_nm: float) -> tuple[Floats, Floats]:
+def excitation(seed: int, seconds: float, size_nm: float) -> tuple[Floats, Floats]:
     """Ends of the rows in s and torques in N m, (n,) each: TONES with random phases."""
     time_s = np.arange(1, round(seconds * LOG_HZ) + 1) / LOG_HZ
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(TONES))
@@ -123,8 +123,8 @@ def drive(seed: int, seconds: float, size_nm: float) -> tuple[Floats, Floats]:
     return time_s, size_nm * np.sum(tones, axis=0)
 
 
-def moved(time_s: Floats, torque_nm: Floats) -> Motion:
-    """The true motion of the joint from rest."""
+def simulate_motion(time_s: Floats, torque_nm: Floats) -> Motion:
+    """The true motion of the joint from rest under a torque (n,) in N m, held over each row."""
     step = 1.0 / LOG_HZ / STEPS_PER_ROW
     most_rad_s = step * COULOMB / INERTIA  # largest change of the speed by friction in a step
     angle = speed = 0.0
@@ -199,8 +199,8 @@ def peers() -> tuple[list[Callable[[Motion, Motion], list[Answer]]], list[Missin
 
 def bench_trap(seed: int = 1) -> dict[str, Any]:
     """The result of every method on the same log, ready for JSON."""
-    train = measured(moved(*drive(seed, TRAIN_S, TRAIN_NM)), seed)
-    new = moved(*drive(seed + 1000, NEW_S, NEW_NM))
+    train = measured(simulate_motion(*excitation(seed, TRAIN_S, TRAIN_NM)), seed)
+    new = simulate_motion(*excitation(seed + 1000, NEW_S, NEW_NM))
     others, missing = peers()
     answers = [own_answer(train, new)]
     answers += [answer for answers_of in others for answer in answers_of(train, new)]
@@ -242,7 +242,7 @@ def trap_table(figures: dict[str, Any]) -> Table:
         friction = "-" if a["friction_nm"] is None else f"{a['friction_nm']:.4f}"
         table.add_row(
             a["name"],
-            a["says"],
+            a["printed_result"],
             f"{100 * a['damping_error']:+.1f} %",
             friction,
             f"{100 * a['speed_error']:.2f} %",

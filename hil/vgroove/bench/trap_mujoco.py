@@ -48,10 +48,10 @@ def answer(name: str, fields: tuple[str, ...], train: Motion, new: Motion) -> An
     fitted = fit(fields, train)
     busy = time.process_time() - start
     # the text of the report has no public getter
-    says = "; ".join(insight["title"] for insight in AutomatedInsights("", fitted)._insights)
+    printed = "; ".join(insight["title"] for insight in AutomatedInsights("", fitted)._insights)
     found = {field: float(np.ravel(fitted[field].value)[0]) for field in fields}
     error = trap.relative_error(free_run(found, new), new)
-    return Answer(name, says, found["damping"], found.get("frictionloss"), error, busy)
+    return Answer(name, printed, found["damping"], found.get("frictionloss"), error, busy)
 
 
 def fit(fields: tuple[str, ...], train: Motion) -> sysid.ParameterDict:

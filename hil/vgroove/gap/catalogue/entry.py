@@ -83,42 +83,42 @@ NO_UPPER_BOUND = constant(UNBOUNDED)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """One number of an effect. Functions of Scales give values in `unit`. A fit works in units of
+    `size`, so that its numbers are near 1 for any machine.
 
-    key: values that a rig accepts. neutral: the value with the effect off. size: a typical value at
-    which the effect is visible in a log (a few per cent of the torque, voltage or current there);
-    fits work in units of it, so that numbers are near one for any machine. low, high: bounds of the
-    search, SI. In units of size: starts, the start values of the fit; step, of its finite
-    differences; zero_below, below which the number is taken as 0 (a lag of nanoseconds would only
-    make the simulation stiff). reported: whether a verdict lists the number. key_of: the effect
-    under which a rig states this number, if that is another effect. low_is_convention: a number at
-    its lower bound is no effect: it describes the logger (Scales.least_delay), or what does not
-    repeat (MIN_PERIODS). physical: which bounds are limits of physics or of docs/spec/gap.md,
-    "low", "high", "both" or "" (0 is one always); the others belong to the search and are widened
-    where a fit ends at them, as far as widest_low and widest_high: a fit that ends there has found
-    no size. plausible: the scale of the sizes that occur in practice, an estimate of the order of
-    magnitude, and the scale of a prior with heavy tails (of a parameter that is infinite while the
-    effect is off, as a stiffness or a limit: a value that is seldom fallen short of; of a factor 1
-    + relative the logarithm counts); None: no prior.
+    A bound that is not `physical` belongs to the search and is widened where a fit ends at it, as
+    far as widest_low and widest_high: a fit that ends there has found no size.
     """
 
-    name: str
+    name: str  # key of a rig and of a verdict
     unit: str
-    size: OfScales
-    low: OfScales = NO_LOWER_BOUND
+    size: OfScales  # typical visible value: a few per cent of the torque, voltage or current
+    low: OfScales = NO_LOWER_BOUND  # bounds of the search
     high: OfScales = NO_UPPER_BOUND
-    starts: tuple[float, ...] = (0.0,)
-    step: float = 0.1
+    starts: tuple[float, ...] = (0.0,)  # start values of the fit, in units of size
+    step: float = 0.1  # of the finite differences, in units of size
+    # in units of size: a smaller number is taken as 0 (a lag of nanoseconds only makes the
+    # simulation stiff)
     zero_below: float = 0.0
-    reported: bool = True
-    key_of: str | None = None
-    key: Key = ANY
-    neutral: float = 0.0
+    reported: bool = True  # whether a verdict lists the number
+    key_of: str | None = None  # effect under which a rig states the number, if it is another one
+    key: Key = ANY  # values that a rig accepts
+    neutral: float = 0.0  # value at which the effect is absent, in `unit`
+    # whether a number at its lower bound is no effect: it describes the logger (Scales.least_delay)
+    # or what does not repeat (MIN_PERIODS)
     low_is_convention: bool = False
+    # bounds that are limits of physics or of docs/spec/gap.md: "low", "high", "both" or "" (0 is
+    # one always)
     physical: str = ""
-    widest_low: OfScales = constant(-inf)
+    widest_low: OfScales = constant(-inf)  # limits to which the bounds are widened
     widest_high: OfScales = constant(inf)
+    # scale of the sizes that occur in practice, an estimate of the order of magnitude, and scale of
+    # a prior with heavy tails (None: no prior). Of a number that is infinite while the effect is
+    # absent (a stiffness, a limit) it is a value that is seldom fallen short of; of a factor
+    # 1 + relative the logarithm counts.
     plausible: OfScales | None = None
+    # whether the number is a place along the run (an end of a wood knot), on which only few rows
+    # depend: a fold that lacks these rows cannot fit it, and takes the step of the fit to all rows
     local: bool = False
 
     def implausibility(self, value: float, scales: Scales, stated: float) -> float:

@@ -152,8 +152,8 @@ class Problem:
 
     @property
     def missed_edges(self) -> tuple[float, float]:
-        """Estimated number of edges that the speed columns missed, and number of all edges, missed
-        ones included.
+        """Two numbers of Hall edges over all speed columns that are made from edges: the estimated
+        number of missed edges, and the number of all edges, missed ones included.
         """
         channels = [
             c
@@ -261,7 +261,8 @@ class Problem:
 
     def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
         """Sum of a quantity (n,), such as the squared residuals, over the residuals of each regime.
-        residual (n,): the residuals themselves, which tell where in a cycle the quantity lies.
+        residual (n,): the residuals themselves, which determine the place of the quantity in the
+        cycle of a hammering tool.
         """
         sums = np.bincount(self.regime, weights=power, minlength=len(self.regimes))
         return dict(zip(self.regimes, sums.tolist(), strict=True))

@@ -58,17 +58,23 @@ class MeasuredProblem(Protocol):
 
     @property
     def difference_factor(self) -> float:
-        """Of the steps of finite differences: above 1 where small changes are amplified."""
+        """Factor of the steps of finite differences: above 1 where the model amplifies small
+        changes.
+        """
         ...
 
     @property
     def sigma_is_bound(self) -> bool:
-        """Whether standard deviations are upper bounds, as the scatter over unknown starts is."""
+        """Whether the standard deviations are upper bounds, as the scatter over unknown start
+        angles is.
+        """
         ...
 
     @property
     def is_whitened(self) -> bool:
-        """Whether the residuals are whitened: by the covariance of statistics, not rows in time."""
+        """Whether the residuals are whitened by the covariance of statistics; False for residuals
+        of rows.
+        """
         ...
 
     def index(self, name: str) -> int:
@@ -76,8 +82,8 @@ class MeasuredProblem(Protocol):
         ...
 
     def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
-        """(measured - model) / sigma (B, n) for theta (B, P) or (P,), restarted at these angles
-        (default: as loaded).
+        """Residuals (measured - model) / sigma (B, n) for theta (B, P) or (P,). The model restarts
+        at these angles (default: as loaded).
         """
         ...
 
@@ -108,7 +114,7 @@ class MeasuredProblem(Protocol):
 
     @property
     def censored(self) -> np.ndarray:
-        """Whether each residual (n,) is of a censored sample (see channels.Channel)."""
+        """Whether each residual (n,) is that of a censored sample (channels.Channel.censored)."""
         ...
 
     @property
@@ -123,7 +129,9 @@ class MeasuredProblem(Protocol):
 
     @property
     def missed_edges(self) -> tuple[float, float]:
-        """Edges that the speed columns seem to have missed, and all edges."""
+        """Two numbers of Hall edges over all speed columns: the estimated number of missed edges,
+        and the number of all edges, missed ones included.
+        """
         ...
 
     def gap(self, residual: np.ndarray, mask: np.ndarray | None = None) -> float:
@@ -156,7 +164,8 @@ class MeasuredProblem(Protocol):
 
     def power_by_regime(self, residual: np.ndarray, power: np.ndarray) -> dict[str, float]:
         """Sum of a quantity (n,), such as the squared residuals, over the residuals of each regime.
-        residual (n,): the residuals themselves, which tell where in a cycle the quantity lies.
+        residual (n,): the residuals themselves, which determine the place of the quantity in the
+        cycle.
         """
         ...
 
