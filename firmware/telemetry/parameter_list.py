@@ -11,7 +11,12 @@ PARAM_TABLE = ROOT / "firmware/app/param_table.h"
 
 @dataclass(frozen=True)
 class Parameter:
-    """One entry of the parameter list; value = raw / 2**q in `unit`."""
+    """One entry of the parameter list; value = raw / 2**q in `unit`.
+
+    The Python package has a class of the same fields without `index`
+    (hil/vgroove/telemetry/signals.py): the generator runs in builds of the firmware that have no
+    package, and passes the list on as parameters.json.
+    """
 
     index: int
     name: str

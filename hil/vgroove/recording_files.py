@@ -80,6 +80,13 @@ class LockedFile(RecordingFile):
         super().__init__(path)
         self._part = PartFile(path)
         self._file, self.recovered = self._part.file, self._part.recovered
+        self._complete_bytes = 0  # bytes from the beginning that are a complete file
+
+    def salvage(self) -> None:
+        """Cut the file after its last complete rows or container."""
+        if not self._file.closed:
+            self._file.truncate(self._complete_bytes)
+            self._file.close()
 
     def publish(self) -> None:
         super().publish()
@@ -98,10 +105,6 @@ class LockedFile(RecordingFile):
 class CsvFile(LockedFile):
     """The log columns, one row for each FAST frame. The header is written with the first rows."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._complete_bytes = 0
-
     def add_rows(self, columns: dict[str, np.ndarray]) -> None:
         header = b"" if self._complete_bytes else csv_header(telemetry.COLUMNS)
         rows = csv_rows(columns["time_s"], [columns[name] for name in telemetry.COLUMNS])
@@ -112,11 +115,6 @@ class CsvFile(LockedFile):
     def finish(self) -> None:
         os.fsync(self._file.fileno())
         self._file.close()
-
-    def salvage(self) -> None:
-        if not self._file.closed:
-            self._file.truncate(self._complete_bytes)
-            self._file.close()
 
 
 class Mf4File(RecordingFile):
@@ -208,7 +206,6 @@ class BlfFile(LockedFile):
         self._memory = io.BytesIO()  # header, and the containers that are not in the file
         self._writer = BLFWriter(self._memory)
         self._writer.start_timestamp = 0.0
-        self._complete_bytes = 0
 
     def add_frame(self, frame: telemetry.Frame) -> None:
         self._writer.on_message_received(frame.message())
@@ -234,12 +231,6 @@ class BlfFile(LockedFile):
     def finish(self) -> None:
         self._append()
         self._file.close()
-
-    def salvage(self) -> None:
-        """Cut the file after its last complete container, up to which its header counts."""
-        if not self._file.closed:
-            self._file.truncate(self._complete_bytes)
-            self._file.close()
 
 
 class AscFile(LockedFile):

@@ -13,7 +13,6 @@ chosen with the half `tune` only.
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_verdict import command_verdict
 from proof import RESULTS, ROOT, commit
 from scipy.signal import savgol_filter
 
@@ -398,23 +398,12 @@ def made_case(half: str, machine: str, change: str) -> Case:
 
 
 def diagnose(case: Case, folder: Path) -> dict[str, Any]:
-    """Verdict of the command line; its message in place of the verdict where it reaches none."""
+    """Verdict of the command line on a case (command_verdict), whose files go to the folder."""
     for number, log in enumerate(case.logs):
         write_csv(log, folder / f"log_{number}.csv")
     write_rig(case.rig, folder / "rig.toml")
-    out = folder / "verdict.json"
     logs = sorted(folder.glob("log_*.csv"))
-    line = [sys.executable, "-m", "vgroove.cli", "gap", "diagnose", *logs]
-    line += ["--rig", folder / "rig.toml", "--json", out]
-    try:
-        done = subprocess.run(
-            line, capture_output=True, text=True, check=False, cwd=ROOT, timeout=TIMEOUT_S
-        )
-    except subprocess.TimeoutExpired:
-        return {"verdict": f"no verdict within {TIMEOUT_S:g} s"}
-    if done.returncode:
-        return {"verdict": f"exit code {done.returncode}: {done.stderr.strip()[-200:]}"}
-    return json.loads(out.read_text(encoding="utf-8"))
+    return command_verdict(logs, folder / "rig.toml", folder / "verdict.json", TIMEOUT_S)
 
 
 def scored(case: Case, verdict: dict[str, Any]) -> dict[str, Any]:

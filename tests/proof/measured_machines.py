@@ -8,7 +8,6 @@ prints the table. With names only these machines are diagnosed; the entries of t
 import argparse
 import json
 import re
-import subprocess
 import sys
 import tempfile
 import textwrap
@@ -16,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from command_verdict import command_verdict
 from proof import RESULTS, ROOT, commit
 from results_page import table
 
@@ -34,21 +34,8 @@ MARKED = re.compile(r"<!--part (\w+) ?(\w*)-->\n.*?<!--end of part-->", re.DOTAL
 
 
 def diagnose(machine: Machine, folder: Path) -> dict[str, Any]:
-    """Verdict of the command line on one machine; its message in place of the verdict where it
-    reaches none.
-    """
-    out = folder / f"{machine.name}.json"
-    line = [sys.executable, "-m", "vgroove.cli", "gap", "diagnose", *machine.logs]
-    line += ["--rig", machine.rig, "--json", out]
-    try:
-        done = subprocess.run(
-            line, capture_output=True, text=True, check=False, cwd=ROOT, timeout=TIMEOUT_S
-        )
-    except subprocess.TimeoutExpired:
-        return {"verdict": f"no verdict within {TIMEOUT_S:g} s"}
-    if done.returncode:
-        return {"verdict": f"exit code {done.returncode}: {done.stderr.strip()[-200:]}"}
-    return json.loads(out.read_text(encoding="utf-8"))
+    """Verdict of the command line on one machine (command_verdict)."""
+    return command_verdict(machine.logs, machine.rig, folder / f"{machine.name}.json", TIMEOUT_S)
 
 
 def entry(machine: Machine, verdict: dict[str, Any], seconds: float) -> dict[str, Any]:

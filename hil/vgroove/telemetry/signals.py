@@ -29,7 +29,10 @@ class LogColumn:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One line of the firmware's parameter list; physical value = raw / 2**q in `unit`."""
+    """One line of the firmware's parameter list as parameters.json holds it; physical value =
+    raw / 2**q in `unit`. The generator, firmware/telemetry/parameter_list.py, must run without this
+    package and has a class of its own.
+    """
 
     name: str
     unit: str
