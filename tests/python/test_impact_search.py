@@ -119,10 +119,10 @@ def test_the_start_angle_of_a_set_near_the_rig_takes_few_simulations(
     problem = load_problem([plant_log(rig, {}, 5, step(0.9, 1.0))], rig)
     plant = np.repeat(problem.of_log(0, problem.theta0[None]), 4, axis=0)
     plant[:, PARAMETERS.index("effects.winding_resistance.relative")] = [0.0, 0.02, -0.02, 0.04]
-    counted, residuals = [], start_angle.run_up_residuals
+    counted, residuals = [], start_angle.search_residuals
     monkeypatch.setattr(
         start_angle,
-        "run_up_residuals",
+        "search_residuals",
         lambda run, theta: counted.append(len(theta)) or residuals(run, theta),
     )
     found = start_angle.profiled_starts(problem.runs[0], plant)

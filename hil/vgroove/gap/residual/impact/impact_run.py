@@ -37,12 +37,19 @@ NONE = np.zeros(0)
 class StartSearch:
     """What the search for the hammer's start angle needs. contact_row: row, between two rows, at
     which the hammer of the rig's model first meets the anvil; until_contact: the plant's input up
-    to there. Weights of the judged statistics of the run-up when angles are compared: of_trials
-    (m,) for the first angles, of_halves (K, m) for each of the K halvings of the step.
+    to there; early, run_up: the plant's input along, and the spans of, the part of the run-up that
+    determines the angle. Of its judged statistics (m,): judged marks them among those of the spans;
+    measured, sigma: as in the run; weights where angles are compared: of_trials (m,) for the first
+    angles, of_halves (K, m) for each of the K halvings of the step.
     """
 
     contact_row: float
     until_contact: DrivingColumns
+    early: DrivingColumns
+    run_up: RunUp
+    judged: np.ndarray
+    measured: np.ndarray
+    sigma: np.ndarray
     of_trials: np.ndarray
     of_halves: np.ndarray
 

@@ -41,6 +41,15 @@ def run_up_residuals(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     return (run.measured[kept] - means) / run.sigma[kept]
 
 
+def search_residuals(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
+    """Residuals (B, m) of the statistics that determine the hammer's start angle, for parameter
+    sets (B, P).
+    """
+    search = run.search
+    means = search.run_up.means(model_columns(run, simulate(run, theta, search.early)))
+    return (search.measured - means.reshape(len(theta), -1)[:, search.judged]) / search.sigma
+
+
 def clipped_cost(run: ImpactRun, statistics: np.ndarray) -> np.ndarray:
     """Sum (...) of the clipped squared residuals of statistics (..., n) of a log; the clip counts
     where the plant cannot simulate.

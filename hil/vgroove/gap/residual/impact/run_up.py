@@ -3,7 +3,7 @@ and over the first blows, which follow the start angle of the hammer.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,6 +48,10 @@ class RunUp:
     def end_row(self) -> int:
         """Number of rows up to the end of the last span; 0: no spans."""
         return int(self.first[-1]) + self.rows if len(self.first) else 0
+
+    def first_spans(self, count: int) -> "RunUp":
+        """The first spans alone."""
+        return replace(self, first=self.first[:count])
 
     def means(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Means (B, C, M) of columns (B, rows)."""

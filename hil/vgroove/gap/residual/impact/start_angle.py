@@ -16,6 +16,7 @@ from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
     clipped_cost,
     run_up_residuals,
+    search_residuals,
     simulate,
     simulate_statistics,
 )
@@ -40,7 +41,7 @@ class StartRules:
     # RMS of half the second difference over a step, in standard deviations, up to which it is not
     # halved further: the statistics are proportional to the angle there
     proportional: float = 0.25
-    rounds: int = 2  # Gauss-Newton steps from the best of these
+    information: float = 0.8  # share of the information on the angle that the search uses
     difference_rad: float = 1e-3  # between the two angles that give a slope
     for_curvature: int = 7  # angles from which the curvature within a step is taken
     # distance from the best angle within which the curvature widens standard deviations, as a share
@@ -49,6 +50,7 @@ class StartRules:
 
 
 STARTS = StartRules()
+BOTH = np.array([-1.0, 1.0])  # sides of an angle
 HUBER_SIGMAS = 4.0  # threshold of Huber's loss
 # deviation by the start angle, in standard deviations of a log's statistic, above which the
 # statistic is not judged
@@ -103,16 +105,51 @@ def with_start_curvature(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
         return run
     free = free_angle(theta)
     run = with_deviations(run, _curvature(run, theta, free / STARTS.of_sigma))
-    kept, steps = (
-        run.is_run_up & run.judged,
-        free / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1),
-    )
+    return replace(run, search=_start_search(run, theta))
+
+
+def _start_search(run: ImpactRun, theta: np.ndarray) -> StartSearch:
+    """The search near the start angle of a parameter set (P,), along the first spans of the run-up:
+    those that hold STARTS.information of the information on the angle.
+    """
+    free, kept = free_angle(theta), run.is_run_up & run.judged
+    steps = free / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1)
     ratio = [_curvature(run, theta, step)[kept] / run.sigma[kept] for step in steps]
-    weights = 1.0 / np.hypot(1.0, ratio)
+    spans = _determining_spans(run, theta)
+    first = run.window[run.is_run_up] < spans
+    mine = run.window[kept] < spans
+    weights = 1.0 / np.hypot(1.0, np.stack(ratio)[:, mine])
     row = _contact_row(run, theta)
     until = run.early.first_rows(min(int(row) + 2, len(run.early.time_s)))
-    search = StartSearch(row, until, weights[0], weights[1:])
-    return replace(run, search=search)
+    run_up = run.run_up.first_spans(spans)
+    return StartSearch(
+        row,
+        until,
+        run.early.first_rows(run_up.end_row),
+        run_up,
+        run.judged[run.is_run_up][first],
+        run.measured[kept][mine],
+        run.sigma[kept][mine],
+        weights[0],
+        weights[1:],
+    )
+
+
+def _determining_spans(run: ImpactRun, theta: np.ndarray) -> int:
+    """Number of the first spans of the run-up that hold STARTS.information of the information on
+    the start angle of a parameter set (P,): squared slopes of the residuals.
+    """
+    kept, count = run.is_run_up & run.judged, len(run.run_up.first)
+    near = free_angle(theta) / STARTS.of_sigma
+    below, above = run_up_residuals(run, with_starts(theta, _middle(theta, near) + near * BOTH))
+    power = np.nan_to_num(above - below) ** 2
+    told = np.cumsum(np.bincount(run.window[kept], power, count))
+    return int(np.searchsorted(told, STARTS.information * told[-1])) + 1
+
+
+def _middle(theta: np.ndarray, near_rad: float) -> float:
+    """The start angle of a parameter set (P,), so far from the lugs that near_rad fits beside."""
+    return float(np.clip(theta[COLUMN], near_rad - free_angle(theta), -near_rad))
 
 
 def _contact_row(run: ImpactRun, theta: np.ndarray) -> float:
@@ -153,9 +190,9 @@ def _curvature(run: ImpactRun, theta: np.ndarray, near_rad: float) -> np.ndarray
     """RMS (n,) of what is not proportional to the start angle in the run-up of a parameter set
     (P,), within a distance; in the units of the statistics.
     """
-    middle = np.clip(theta[COLUMN], near_rad - free_angle(theta), -near_rad)
     beside = near_rad * np.linspace(-1.0, 1.0, STARTS.for_curvature)
-    change = np.nan_to_num(run_up_residuals(run, with_starts(theta, middle + beside)))
+    tried = with_starts(theta, _middle(theta, near_rad) + beside)
+    change = np.nan_to_num(run_up_residuals(run, tried))
     design = np.stack([np.ones_like(beside), beside], axis=1)
     left = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
     found, kept = np.zeros(len(run.part)), run.is_run_up & run.judged
@@ -175,8 +212,7 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     """Start angles (B,) in rad from which parameter sets (B, P) follow the run-up best."""
     limit, weight = free_angle(theta[0]), run.search.of_trials
     step = limit / STARTS.first
-    beside = predicted_starts(run, theta)[:, None] + step * np.array([-1.0, 0.0, 1.0])
-    tried = _Starts.of_angles(run, theta, np.clip(beside, -limit, 0.0))
+    tried = _Starts.beside(run, theta, predicted_starts(run, theta), step)
     found, bent = tried.best(weight), tried.is_bent()
     elsewhere = found.start_rad[:, 0] != tried.start_rad[:, 1]
     if elsewhere.any():
@@ -184,34 +220,42 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
         more = _Starts.of_angles(run, theta[elsewhere], everywhere)
         found = found.replaced(elsewhere, found.of(elsewhere).joined(more).best(weight))
     longest, active = np.full(len(theta), step), bent | elsewhere
+    closest = active & ~elsewhere
+    if closest.any():
+        longest[closest] *= 0.5**STARTS.halved
+        middle = found.of(closest)
+        sides = middle.with_sides(run, theta[closest], longest[closest][0])
+        best = sides.best(run.search.of_halves[-1])
+        active[closest] = sides.is_bent() | (best.start_rad[:, 0] != middle.start_rad[:, 0])
     for weight in run.search.of_halves:
         if not active.any():
             break
-        step, middle = 0.5 * step, found.of(active)
-        beside = middle.start_rad + step * np.array([-1.0, 0.0, 1.0])
-        sides = np.clip(beside[:, [0, 2]], -limit, 0.0)
-        tried = middle.between(_Starts.of_angles(run, theta[active], sides))
+        step *= 0.5
+        tried = found.of(active).with_sides(run, theta[active], step)
         found, longest[active] = found.replaced(active, tried.best(weight)), step
         active[active] = tried.is_bent()
-    return _nearest_minimum(run, theta, found, longest)
+    return _nearest_minimum(run, theta, found.start_rad[:, 0], longest)
 
 
 def _nearest_minimum(
-    run: ImpactRun, theta: np.ndarray, found: "_Starts", longest_rad: np.ndarray
+    run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray, longest_rad: np.ndarray
 ) -> np.ndarray:
-    """Start angles (B,) in rad of parameter sets (B, P): of the angles `found` (B, 1) and those
-    after each Gauss-Newton step from there, the one of least Huber loss. longest_rad (B,): largest
-    steps.
+    """Start angles (B,) in rad of the least Huber loss over the whole run-up of parameter sets
+    (B, P), near start_rad (B,), by two Gauss-Newton steps of at most longest_rad (B,) with the
+    slopes at start_rad. The steps are taken where the first one lowers the loss.
     """
-    start, at = found.start_rad, found.residual[:, 0]
-    for _ in range(STARTS.rounds):
-        moved = _residuals_from(run, theta, start + STARTS.difference_rad)[:, 0]
-        slope = (np.nan_to_num(moved) - np.nan_to_num(at)) / STARTS.difference_rad
-        change = np.clip(_step(np.nan_to_num(at), slope), -longest_rad, longest_rad)
-        start = np.clip(start + change[:, None], -free_angle(theta[0]), 0.0)
-        met = _Starts.of_angles(run, theta, start)
-        at, found = met.residual[:, 0], found.joined(met)
-    return found.least(_huber(found.residual)).start_rad[:, 0]
+    limit = free_angle(theta[0])
+    at, beside = (
+        np.nan_to_num(run_up_residuals(run, with_starts(theta, start_rad + more)))
+        for more in (0.0, STARTS.difference_rad)
+    )
+    slope = (beside - at) / STARTS.difference_rad
+    first = np.clip(_step(at, slope), -longest_rad, longest_rad)
+    moved = np.clip(start_rad + first, -limit, 0.0)
+    met = run_up_residuals(run, with_starts(theta, moved))
+    again = np.clip(_step(np.nan_to_num(met), slope), -np.abs(first), np.abs(first))
+    lower = _huber(met) < _huber(at)
+    return np.where(lower, np.clip(moved + again, -limit, 0.0), start_rad)
 
 
 @dataclass(frozen=True)
@@ -228,6 +272,23 @@ class _Starts:
         """The simulations of parameter sets (B, P) from start angles (B, K) in rad."""
         return _Starts(start_rad, _residuals_from(run, theta, start_rad))
 
+    @staticmethod
+    def beside(
+        run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray, step_rad: float
+    ) -> "_Starts":
+        """The simulations of parameter sets (B, P) from start angles (B,) in rad and one step to
+        either side of each.
+        """
+        angles = start_rad[:, None] + step_rad * np.array([-1.0, 0.0, 1.0])
+        return _Starts.of_angles(run, theta, np.clip(angles, -free_angle(theta[0]), 0.0))
+
+    def with_sides(self, run: ImpactRun, theta: np.ndarray, step_rad: float) -> "_Starts":
+        """This one angle of each set, and one step to either side of it, in ascending order."""
+        angles = self.start_rad + step_rad * BOTH
+        sides = np.clip(angles, -free_angle(theta[0]), 0.0)
+        both = self.joined(_Starts.of_angles(run, theta, sides))
+        return _Starts(both.start_rad[:, [1, 0, 2]], both.residual[:, [1, 0, 2]])
+
     def is_bent(self) -> np.ndarray:
         """Of three neighbouring angles: whether the residuals of each set (B,) are not proportional
         to the angle.
@@ -235,11 +296,6 @@ class _Starts:
         left, middle, right = np.moveaxis(self.residual, 1, 0)
         half = 0.5 * (left + right) - middle
         return ~(np.sqrt(np.mean(half**2, axis=1)) <= STARTS.proportional)
-
-    def between(self, sides: "_Starts") -> "_Starts":
-        """This one angle of each set and one on either side of it, in ascending order."""
-        both = self.joined(sides)
-        return _Starts(both.start_rad[:, [1, 0, 2]], both.residual[:, [1, 0, 2]])
 
     def of(self, sets: np.ndarray) -> "_Starts":
         """The angles and residuals of the parameter sets marked in `sets` (B,)."""
@@ -276,11 +332,11 @@ class _Starts:
 
 
 def _residuals_from(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> np.ndarray:
-    """Residuals (B, K, m) of the run-up: each of the parameter sets (B, P) is simulated from its
+    """Residuals (B, K, m) that determine the start angle: each of the parameter sets (B, P) is simulated from its
     start angles (B, K) in rad.
     """
     tried = with_starts(np.repeat(theta, start_rad.shape[1], axis=0), start_rad.ravel())
-    return run_up_residuals(run, tried).reshape(*start_rad.shape, -1)
+    return search_residuals(run, tried).reshape(*start_rad.shape, -1)
 
 
 def _step(at: np.ndarray, slope: np.ndarray) -> np.ndarray:
