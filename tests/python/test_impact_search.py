@@ -9,8 +9,11 @@ import pytest
 
 from impact_logs import PARAMETERS, impact_rig, plant_log, ramp
 from vgroove.gap import DiagnosisOptions
+from vgroove.gap.residual.huber import huber_loss
 from vgroove.gap.residual.impact import start_angle
+from vgroove.gap.residual.impact.impact_run import FirstSpans, ImpactRun
 from vgroove.gap.residual.impact.roughness import roughness_responses
+from vgroove.gap.residual.impact.start_angle import with_starts
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.selection.retuned_again import retune_again
 from vgroove.gap.selection.search_state import Search
@@ -117,16 +120,62 @@ def test_the_start_angle_of_a_set_near_the_rig_takes_few_simulations(
 ) -> None:
     rig = impact_rig()
     problem = load_problem([plant_log(rig, {}, 5, step(0.9, 1.0))], rig)
-    plant = np.repeat(problem.of_log(0, problem.theta0[None]), 4, axis=0)
+    run, plant = problem.runs[0], np.repeat(problem.of_log(0, problem.theta0[None]), 4, axis=0)
     plant[:, PARAMETERS.index("effects.winding_resistance.relative")] = [0.0, 0.02, -0.02, 0.04]
-    counted, residuals = [], start_angle.search_residuals
-    monkeypatch.setattr(
-        start_angle,
-        "search_residuals",
-        lambda run, theta: counted.append(len(theta)) or residuals(run, theta),
+    rows, residuals = [], start_angle.span_residuals
+
+    def counted(run: ImpactRun, spans: FirstSpans, theta: np.ndarray) -> np.ndarray:
+        rows.append(len(theta) * len(spans.early.time_s))
+        return residuals(run, spans, theta)
+
+    monkeypatch.setattr(start_angle, "span_residuals", counted)
+    found = start_angle.profiled_starts(run, plant)
+    assert found == pytest.approx(start_angle.predicted_starts(run, plant), abs=0.05)
+    assert sum(rows) <= 12 * len(plant) * len(run.early.time_s)
+
+
+@pytest.mark.parametrize("seed", range(41, 47))
+def test_the_loss_of_the_run_up_is_smooth_along_an_effect(seed: int) -> None:
+    """Late blows depend on the start angle so steeply that the loss of the whole run-up has many
+    minima a few milliradians apart. The search, which lengthens the compared stretch step by step,
+    stays in the same one.
+    """
+    rng = np.random.default_rng(seed)
+    rig = impact_rig(load__slip_slope_nm_per_rad=float(rng.uniform(60.0, 400.0)))
+    size, name = float(rng.uniform(0.2, 0.4)), "effects.impact_damping.relative"
+    log = plant_log(rig, {"impact_damping.relative": size}, seed, step(0.9, 1.0))
+    problem = load_problem([log], rig)
+    run, sizes = problem.runs[0], size + np.linspace(-0.02, 0.02, 9)
+    theta = np.tile(problem.theta0, (9, 1))
+    theta[:, PARAMETERS.index(name)] = sizes
+    plant = problem.of_log(0, theta)
+    tried = with_starts(plant, start_angle.profiled_starts(run, plant))
+    loss = np.array(
+        [huber_loss(r, start_angle.HUBER_SIGMAS) for r in start_angle.run_up_residuals(run, tried)]
     )
-    found = start_angle.profiled_starts(problem.runs[0], plant)
-    predicted = start_angle.predicted_starts(problem.runs[0], plant)
-    assert found == pytest.approx(predicted, abs=0.05)
-    rules = start_angle.STARTS
-    assert sum(counted) <= (3 + 2 * rules.halved + 2 * rules.rounds) * len(plant)
+    parabola = np.polyval(np.polyfit(sizes, loss, 2), sizes)
+    assert np.abs(loss - parabola).max() < 3.0
+
+
+@pytest.mark.parametrize("seed", [41, 42, 43])
+def test_the_search_follows_the_first_spans_and_ends_at_the_minimum_of_the_whole_run_up(
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    rig = impact_rig(load__slip_slope_nm_per_rad=float(rng.uniform(60.0, 400.0)))
+    log = plant_log(rig, {}, seed, step(float(rng.uniform(0.75, 1.0)), 1.0))
+    problem = load_problem([log], rig)
+    run, plant = problem.runs[0], problem.of_log(0, problem.theta0[None])
+    counts = [len(spans.run_up.first) for spans in run.search.stages]
+    assert counts == sorted(set(counts)) and counts[-1] == len(run.run_up.first)
+    kept, whole = run.judged & run.is_run_up, start_angle.run_up_residuals(run, plant)
+    for spans, count in zip(run.search.stages, counts, strict=True):
+        first = whole[:, run.window[kept] < count]
+        np.testing.assert_allclose(start_angle.span_residuals(run, spans, plant), first, rtol=1e-9)
+    found = start_angle.profiled_starts(run, plant)[0]
+    near = found + np.linspace(-0.01, 0.01, 41)
+    loss = huber_loss(
+        start_angle.run_up_residuals(run, with_starts(plant[0], near)),
+        start_angle.HUBER_SIGMAS,
+    )
+    assert loss[20] <= loss.min() + 0.5

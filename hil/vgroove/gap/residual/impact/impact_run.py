@@ -34,22 +34,33 @@ NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
-class StartSearch:
-    """What the search for the hammer's start angle needs. contact_row: row, between two rows, at
-    which the hammer of the rig's model first meets the anvil; until_contact: the plant's input up
-    to there; early, run_up: the plant's input along, and the spans of, the part of the run-up that
-    determines the angle. Of its judged statistics (m,): judged marks them among those of the spans;
-    measured, sigma: as in the run; weights where angles are compared: of_trials (m,) for the first
-    angles, of_halves (K, m) for each of the K halvings of the step.
+class FirstSpans:
+    """The first spans of a run-up: the plant's input along them, and of their judged statistics
+    (m,): judged marks them among those of the spans; measured, sigma: as in the run.
     """
 
-    contact_row: float
-    until_contact: DrivingColumns
     early: DrivingColumns
     run_up: RunUp
     judged: np.ndarray
     measured: np.ndarray
     sigma: np.ndarray
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclass(frozen=True)
+class StartSearch:
+    """What the search for the hammer's start angle needs. contact_row: row, between two rows, at
+    which the hammer of the rig's model first meets the anvil; until_contact: the plant's input up
+    to there; stages: the spans that are compared, first those of the first blow, last all. Weights
+    of the m statistics of the first stage where angles are compared: of_trials (m,) for the first
+    angles, of_halves (K, m) for each of the K halvings of the step.
+    """
+
+    contact_row: float
+    until_contact: DrivingColumns
+    stages: tuple[FirstSpans, ...]
     of_trials: np.ndarray
     of_halves: np.ndarray
 
@@ -131,6 +142,18 @@ class ImpactRun:
     def judged(self) -> np.ndarray:
         """Whether each statistic (n,) is judged."""
         return np.isfinite(self.sigma)
+
+    def first_spans(self, count: int) -> FirstSpans:
+        """The first spans of the run-up."""
+        kept, of_run_up = self.is_run_up & self.judged, self.window[self.is_run_up] < count
+        mine, run_up = kept & (self.window < count), self.run_up.first_spans(count)
+        return FirstSpans(
+            self.early.first_rows(run_up.end_row),
+            run_up,
+            self.judged[self.is_run_up][of_run_up],
+            self.measured[mine],
+            self.sigma[mine],
+        )
 
     def read(self, columns: Mapping[str, np.ndarray], add_noise: bool) -> np.ndarray:
         """Statistics (B, n) of columns (B, rows); add_noise: of a simulation, whose scatter lacks

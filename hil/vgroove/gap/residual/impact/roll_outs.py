@@ -5,7 +5,7 @@ import numpy as np
 from vgroove import _core
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.impact.hall_reading import mean_hall_speed
-from vgroove.gap.residual.impact.impact_run import ImpactRun
+from vgroove.gap.residual.impact.impact_run import FirstSpans, ImpactRun
 from vgroove.gap.residual.inputs import DrivingColumns
 from vgroove.units import RPM_PER_RAD_S
 
@@ -41,13 +41,12 @@ def run_up_residuals(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     return (run.measured[kept] - means) / run.sigma[kept]
 
 
-def search_residuals(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
-    """Residuals (B, m) of the statistics that determine the hammer's start angle, for parameter
-    sets (B, P).
+def span_residuals(run: ImpactRun, spans: FirstSpans, theta: np.ndarray) -> np.ndarray:
+    """Residuals (B, m) of the judged statistics of the first spans of the run-up for parameter sets
+    (B, P).
     """
-    search = run.search
-    means = search.run_up.means(model_columns(run, simulate(run, theta, search.early)))
-    return (search.measured - means.reshape(len(theta), -1)[:, search.judged]) / search.sigma
+    means = spans.run_up.means(model_columns(run, simulate(run, theta, spans.early)))
+    return (spans.measured - means.reshape(len(theta), -1)[:, spans.judged]) / spans.sigma
 
 
 def clipped_cost(run: ImpactRun, statistics: np.ndarray) -> np.ndarray:

@@ -11,14 +11,14 @@ import numpy as np
 
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.huber import huber_loss, huber_weight
-from vgroove.gap.residual.impact.impact_run import ImpactRun, StartSearch
+from vgroove.gap.residual.impact.impact_run import FirstSpans, ImpactRun, StartSearch
 from vgroove.gap.residual.impact.roll_outs import (
     PARAMETERS,
     clipped_cost,
     run_up_residuals,
-    search_residuals,
     simulate,
     simulate_statistics,
+    span_residuals,
 )
 from vgroove.gap.residual.inputs import DrivingColumns
 from vgroove.units import TURN_RAD
@@ -41,7 +41,9 @@ class StartRules:
     # RMS of half the second difference over a step, in standard deviations, up to which it is not
     # halved further: the statistics are proportional to the angle there
     proportional: float = 0.25
-    information: float = 0.8  # share of the information on the angle that the search uses
+    first_spans: int = 8  # of the search's first stage, from that of the first contact on
+    growth: float = 2.0  # of the spans from the first contact on, from stage to stage
+    reach: float = 3.0  # longest Gauss-Newton step of a stage, in standard deviations of the angle
     difference_rad: float = 1e-3  # between the two angles that give a slope
     for_curvature: int = 7  # angles from which the curvature within a step is taken
     # distance from the best angle within which the curvature widens standard deviations, as a share
@@ -109,42 +111,26 @@ def with_start_curvature(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
 
 
 def _start_search(run: ImpactRun, theta: np.ndarray) -> StartSearch:
-    """The search near the start angle of a parameter set (P,), along the first spans of the run-up:
-    those that hold STARTS.information of the information on the angle.
-    """
-    free, kept = free_angle(theta), run.is_run_up & run.judged
-    steps = free / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1)
-    ratio = [_curvature(run, theta, step)[kept] / run.sigma[kept] for step in steps]
-    spans = _determining_spans(run, theta)
-    first = run.window[run.is_run_up] < spans
-    mine = run.window[kept] < spans
-    weights = 1.0 / np.hypot(1.0, np.stack(ratio)[:, mine])
-    row = _contact_row(run, theta)
+    """The search near the start angle of a parameter set (P,)."""
+    free, row = free_angle(theta), _contact_row(run, theta)
     until = run.early.first_rows(min(int(row) + 2, len(run.early.time_s)))
-    run_up = run.run_up.first_spans(spans)
-    return StartSearch(
-        row,
-        until,
-        run.early.first_rows(run_up.end_row),
-        run_up,
-        run.judged[run.is_run_up][first],
-        run.measured[kept][mine],
-        run.sigma[kept][mine],
-        weights[0],
-        weights[1:],
-    )
+    stages = tuple(run.first_spans(count) for count in _stage_spans(run, row))
+    steps = free / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1)
+    first = run.is_run_up & run.judged & (run.window < len(stages[0].run_up.first))
+    ratio = [_curvature(run, theta, step)[first] / run.sigma[first] for step in steps]
+    weights = 1.0 / np.hypot(1.0, ratio)
+    return StartSearch(row, until, stages, weights[0], weights[1:])
 
 
-def _determining_spans(run: ImpactRun, theta: np.ndarray) -> int:
-    """Number of the first spans of the run-up that hold STARTS.information of the information on
-    the start angle of a parameter set (P,): squared slopes of the residuals.
+def _stage_spans(run: ImpactRun, contact_row: float) -> list[int]:
+    """Numbers of first spans of the stages of the search: the first blows, twice as many spans from
+    the first contact on, and so on up to all.
     """
-    kept, count = run.is_run_up & run.judged, len(run.run_up.first)
-    near = free_angle(theta) / STARTS.of_sigma
-    below, above = run_up_residuals(run, with_starts(theta, _middle(theta, near) + near * BOTH))
-    power = np.nan_to_num(above - below) ** 2
-    told = np.cumsum(np.bincount(run.window[kept], power, count))
-    return int(np.searchsorted(told, STARTS.information * told[-1])) + 1
+    count, contact = len(run.run_up.first), int(contact_row) // run.run_up.rows
+    found = [min(contact + STARTS.first_spans, count)]
+    while found[-1] < count:
+        found.append(min(contact + round(STARTS.growth * (found[-1] - contact)), count))
+    return found
 
 
 def _middle(theta: np.ndarray, near_rad: float) -> float:
@@ -220,13 +206,11 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
         more = _Starts.of_angles(run, theta[elsewhere], everywhere)
         found = found.replaced(elsewhere, found.of(elsewhere).joined(more).best(weight))
     longest, active = np.full(len(theta), step), bent | elsewhere
-    closest = active & ~elsewhere
+    closest, finest = active & ~elsewhere, step * 0.5**STARTS.halved
     if closest.any():
-        longest[closest] *= 0.5**STARTS.halved
-        middle = found.of(closest)
-        sides = middle.with_sides(run, theta[closest], longest[closest][0])
-        best = sides.best(run.search.of_halves[-1])
-        active[closest] = sides.is_bent() | (best.start_rad[:, 0] != middle.start_rad[:, 0])
+        tried = found.of(closest).with_sides(run, theta[closest], finest)
+        found = found.replaced(closest, tried.best(run.search.of_halves[-1]))
+        longest[closest], active[closest] = 4.0 * finest, tried.is_bent()
     for weight in run.search.of_halves:
         if not active.any():
             break
@@ -234,7 +218,12 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
         tried = found.of(active).with_sides(run, theta[active], step)
         found, longest[active] = found.replaced(active, tried.best(weight)), step
         active[active] = tried.is_bent()
-    return _nearest_minimum(run, theta, found.start_rad[:, 0], longest)
+    start = found.start_rad[:, 0]
+    for spans in run.search.stages[:-1]:
+        at = _SlopedStart.of(run, spans, theta, start)
+        start = at.moved(at.step(longest), limit)
+        longest = np.minimum(STARTS.reach * at.sigma_rad, longest)
+    return _nearest_minimum(run, theta, start, longest)
 
 
 def _nearest_minimum(
@@ -244,18 +233,58 @@ def _nearest_minimum(
     (B, P), near start_rad (B,), by two Gauss-Newton steps of at most longest_rad (B,) with the
     slopes at start_rad. The steps are taken where the first one lowers the loss.
     """
-    limit = free_angle(theta[0])
-    at, beside = (
-        np.nan_to_num(run_up_residuals(run, with_starts(theta, start_rad + more)))
-        for more in (0.0, STARTS.difference_rad)
-    )
-    slope = (beside - at) / STARTS.difference_rad
-    first = np.clip(_step(at, slope), -longest_rad, longest_rad)
-    moved = np.clip(start_rad + first, -limit, 0.0)
-    met = run_up_residuals(run, with_starts(theta, moved))
-    again = np.clip(_step(np.nan_to_num(met), slope), -np.abs(first), np.abs(first))
-    lower = _huber(met) < _huber(at)
-    return np.where(lower, np.clip(moved + again, -limit, 0.0), start_rad)
+    spans, limit = run.search.stages[-1], free_angle(theta[0])
+    at = _SlopedStart.of(run, spans, theta, start_rad)
+    first = at.step(longest_rad)
+    met = replace(at, start_rad=at.moved(first, limit))
+    met = replace(met, residual=span_residuals(run, spans, with_starts(theta, met.start_rad)))
+    lower = _huber(met.residual) < _huber(at.residual)
+    return np.where(lower, met.moved(met.step(np.abs(first)), limit), start_rad)
+
+
+@dataclass(frozen=True)
+class _SlopedStart:
+    """A start angle in rad of each of B parameter sets (B,), the m residuals of spans of the run-up
+    (B, m), and their slopes per rad (B, m).
+    """
+
+    start_rad: np.ndarray
+    residual: np.ndarray
+    slope: np.ndarray
+
+    @staticmethod
+    def of(
+        run: ImpactRun, spans: FirstSpans, theta: np.ndarray, start_rad: np.ndarray
+    ) -> "_SlopedStart":
+        """The simulations of parameter sets (B, P) from start angles (B,) in rad."""
+        at, beside = (
+            span_residuals(run, spans, with_starts(theta, start_rad + more))
+            for more in (0.0, STARTS.difference_rad)
+        )
+        slope = (np.nan_to_num(beside) - np.nan_to_num(at)) / STARTS.difference_rad
+        return _SlopedStart(start_rad, at, slope)
+
+    @property
+    def _information(self) -> np.ndarray:
+        """Weighted squared slopes (B,), 1/rad^2, under Huber's loss."""
+        weight = huber_weight(np.nan_to_num(self.residual), HUBER_SIGMAS)
+        return np.maximum((weight * self.slope**2).sum(axis=1), np.finfo(float).tiny)
+
+    @property
+    def sigma_rad(self) -> np.ndarray:
+        """Standard deviations (B,) in rad of the angles."""
+        return 1.0 / np.sqrt(self._information)
+
+    def step(self, longest_rad: np.ndarray) -> np.ndarray:
+        """Gauss-Newton step (B,) in rad under Huber's loss, of at most longest_rad (B,)."""
+        residual = np.nan_to_num(self.residual)
+        gradient = huber_weight(residual, HUBER_SIGMAS) * self.slope * residual
+        change = -gradient.sum(axis=1) / self._information
+        return np.clip(change, -longest_rad, longest_rad)
+
+    def moved(self, step_rad: np.ndarray, limit_rad: float) -> np.ndarray:
+        """Start angles (B,) after a step (B,), within the free angle limit_rad."""
+        return np.clip(self.start_rad + step_rad, -limit_rad, 0.0)
 
 
 @dataclass(frozen=True)
@@ -332,20 +361,11 @@ class _Starts:
 
 
 def _residuals_from(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> np.ndarray:
-    """Residuals (B, K, m) that determine the start angle: each of the parameter sets (B, P) is simulated from its
-    start angles (B, K) in rad.
+    """Residuals (B, K, m) of the search's first stage: each of the parameter sets (B, P) is
+    simulated from its start angles (B, K) in rad.
     """
     tried = with_starts(np.repeat(theta, start_rad.shape[1], axis=0), start_rad.ravel())
-    return search_residuals(run, tried).reshape(*start_rad.shape, -1)
-
-
-def _step(at: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Gauss-Newton step (B,) in rad of the start angles under Huber's loss, from residuals and
-    their slopes per rad (B, m).
-    """
-    weight = huber_weight(at, HUBER_SIGMAS)
-    power = np.maximum((weight * slope**2).sum(axis=1), np.finfo(float).tiny)
-    return -(weight * slope * at).sum(axis=1) / power
+    return span_residuals(run, run.search.stages[0], tried).reshape(*start_rad.shape, -1)
 
 
 def _misfit(residual: np.ndarray) -> np.ndarray:
