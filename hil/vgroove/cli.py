@@ -715,10 +715,20 @@ def main() -> None:
             Console(stderr=True), f"vgroove: {what}: {error.strerror or error}.", style="red"
         )
         sys.exit(2)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit) as ended:
+        if not _by_ctrl_c(ended):
+            raise
+        print_line(Console(stderr=True), "vgroove: ended by Ctrl-C.")
         sys.exit(130)
     except Terminated as signalled:
         sys.exit(signalled.exit_code)
+
+
+def _by_ctrl_c(error: BaseException | None) -> bool:
+    """Whether Ctrl-C caused an exception: typer turns it into a SystemExit."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 if __name__ == "__main__":

@@ -206,6 +206,7 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
         time.sleep(1.0)
         os.kill(run.pid, signal.SIGINT)
         assert run.wait(timeout=60) == 130
+        assert run.stderr.read().decode().endswith("vgroove: ended by Ctrl-C.\n")
     assert list((tmp_path / "study").iterdir()) == []
 
 

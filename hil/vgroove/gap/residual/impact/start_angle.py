@@ -41,6 +41,9 @@ class StartRules:
     # RMS of half the second difference over a step, in standard deviations, up to which it is not
     # halved further: the statistics are proportional to the angle there
     proportional: float = 0.25
+    # longest Gauss-Newton step where the statistics are proportional to the angle within the last
+    # halving of the step, in such steps
+    far: float = 4.0
     first_spans: int = 8  # of the search's first stage, from that of the first contact on
     growth: float = 2.0  # of the spans from the first contact on, from stage to stage
     reach: float = 3.0  # longest Gauss-Newton step of a stage, in standard deviations of the angle
@@ -210,7 +213,7 @@ def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     if closest.any():
         tried = found.of(closest).with_sides(run, theta[closest], finest)
         found = found.replaced(closest, tried.best(run.search.of_halves[-1]))
-        longest[closest], active[closest] = 4.0 * finest, tried.is_bent()
+        longest[closest], active[closest] = STARTS.far * finest, tried.is_bent()
     for weight in run.search.of_halves:
         if not active.any():
             break
