@@ -51,7 +51,7 @@ def joint(**motor: float) -> Rig:
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    seen = trap.measured(trap.moved(*trap.drive(2, trap.TRAIN_S, trap.TRAIN_NM)), 2)
+    seen = trap.measured(trap.simulate_motion(*trap.excitation(2, trap.TRAIN_S, trap.TRAIN_NM)), 2)
     columns = {
         "current_a": seen.torque_nm,
         "speed_rpm": seen.speed_rad_s * RPM_PER_RAD_S,

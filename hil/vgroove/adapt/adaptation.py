@@ -108,7 +108,7 @@ def check(rig: Rig, found: Adaptation, drives: int, tick: Tick) -> list[Figures]
     """
     cells = drawn({**DRIVE, **torque_drawn.SPANS}, drives, (CHECK_SEED,))
     compared = []
-    for name, own in ((BUILT_IN, None), (ADAPTED, found.image)):
+    for name, own in ((BUILT_IN, None), (ADAPTED, found.flash_bytes)):
         jobs = [
             Job(
                 check_work,

@@ -63,7 +63,7 @@ def adapt_command(
     if json_path:
         files.append((json_path, json_text({**found.as_dict(), "check": compared})))
     if output:
-        files.append((output, adapted_image(elf, found.image, output.suffix[1:])))
+        files.append((output, adapted_image(elf, found.flash_bytes, output.suffix[1:])))
     write_all(files)
     console = table_console(output, json_path)
     print_results(console, [found.sentence], adapt_tables(found, compared))
