@@ -166,6 +166,29 @@ def test_the_acceleration_per_current_allows_for_friction_noise_and_load() -> No
     assert acceleration_factors(Log(time_s, noise, "noise"), tool) == {}
 
 
+@pytest.mark.parametrize("weight_nm", [40.0, 46.0, 50.0, 55.0, 80.0])
+def test_a_load_that_the_rig_of_a_current_driven_arm_lacks_is_no_unit(weight_nm: float) -> None:
+    """The simulation without the arm's weight turns several times as far: with some weights by the
+    factor of a unit.
+    """
+    time_s, speed = np.arange(600) / 133.3, 0.7
+    angle = speed * np.maximum(time_s - 0.3, 0.0)
+    torque = 7.8 * speed + 6.1 + weight_nm * np.sin(angle)
+    motor = {"inertia_kg_m2": 2.33, "viscous_nm_s_per_rad": 7.8, "coulomb_nm": 6.1}
+    tool = replace(
+        rig(),
+        input={"kind": "current_a"},
+        motor=rig().motor | motor | {"torque_constant_nm_per_a": 1.0},
+        gearbox={"ratio": 1.0, "output_inertia_kg_m2": 0.0},
+        sensors={"log_hz": 133.3},
+    )
+    log = Log(time_s, {"current_a": torque * (time_s > 0.3), "position_rad": angle}, "arm")
+    assert acceleration_factors(log, tool) == {}
+    findings = check_log(log, tool).findings
+    assert any("position_rad" in f.text and f.warns for f in findings)
+    assert not any(f.refuses for f in findings)
+
+
 def with_angle(log: Log, turn: float) -> Log:
     """The log with a position in units of which `turn` are one turn of the motor."""
     angle = np.cumsum(log["speed_rpm"]) / 60.0 * np.median(np.diff(log.time_s)) * turn
