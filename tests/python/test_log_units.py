@@ -25,13 +25,13 @@ from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, slope_of, unit_findings
 from vgroove.gap.log_check.nominal import nominal_pairs, starts_moving_or_deflected
-from vgroove.gap.log_check.plausible import TIME_UNITS, plausibility_findings, rate_finding
+from vgroove.gap.log_check.plausible import plausibility_findings, rate_finding
 from vgroove.gap.log_check.row_convention import Shift
 from vgroove.log import Log, as_log, read_log, write_csv
 from vgroove.log.table import standstill_offset
 from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig, read_rig
-from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+from vgroove.units import RAD_S_PER_RPM, RPM_PER_RAD_S, TIME_UNITS
 
 LOGS = sorted((ROOT / "tests/data").rglob("log*.csv"))
 PRACTICE = ROOT / "tests/data/practice/practice_006"

@@ -6,9 +6,9 @@ import numpy as np
 
 from vgroove.log.table import Log
 from vgroove.log_compare.limits import Limits
+from vgroove.units import TIME_UNITS
 
-# Ratios of two units of time: minute and second, hour and second, powers of 1000 from s to ns.
-UNIT_RATIOS = (60.0, 3600.0, 1e3, 1e6, 1e9)
+UNIT_RATIOS = [max(factor, 1.0 / factor) for factor in TIME_UNITS]
 
 
 def few_rows_warning(a: Log, b: Log, compared: int, limits: Limits) -> str:

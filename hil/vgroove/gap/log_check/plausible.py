@@ -13,6 +13,7 @@ from vgroove.gap.residual.inputs import COMMAND
 from vgroove.log import COLUMN_UNITS, MEASURED, Log
 from vgroove.rig import Rig
 from vgroove.rig_keys import JUDGED_COLUMNS
+from vgroove.units import TIME_UNITS
 
 # Largest magnitude of a column: a factor of 10 above the largest machine that the ranges of a rig
 # include (rig_keys.py: hundreds of kilowatts, 5 kV), for positions what a log of hours adds up to
@@ -31,11 +32,9 @@ FULL_DUTIES = (100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.
 # The interval may differ from that of log_hz by less than this factor: the median one, or the mean
 # one of a logger that writes its rows in batches.
 MAX_RATE_FACTOR = 3.0
-# times as seconds: the factor that the stamps are too large by, within this relative tolerance
-TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1 / 60: "min", 1 / 3600: "h", 1 / 86_400: "d"}
 MIN_INTERVAL_S = 1e-6  # of a logger: log_hz is at most 1e6
 LEAST_INTERVAL_S = MIN_INTERVAL_S * (1.0 - 1e-3)  # that is no less: rounding of the stamps
-TIME_TOLERANCE = 0.5
+TIME_TOLERANCE = 0.5  # relative, of the factor of a unit of time
 MIN_BLOWS = 8  # that a firmware counts in a tool that hammers; fewer may be steps of the current
 
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from vgroove.gap.log_check.finding import Finding
 from vgroove.gap.log_check.nominal import mean_error, nominal_pairs
-from vgroove.gap.log_check.plausible import LEAST_INTERVAL_S, TIME_UNITS
+from vgroove.gap.log_check.plausible import LEAST_INTERVAL_S
 from vgroove.log import Log
 from vgroove.rig import Rig
+from vgroove.units import TIME_UNITS
 
 
 @dataclass(frozen=True)
