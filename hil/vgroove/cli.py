@@ -554,6 +554,10 @@ def log_check(
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Warn of findings that refuse the log; exit code 0.")
     ] = False,
+    joint: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Impact tool: the joint of the log, as in a diagnosis."),
+    ] = None,
     maps: Maps = None,
     map_file: MapFile = None,
 ) -> None:
@@ -561,11 +565,12 @@ def log_check(
     convention of its rows, and the time that a diagnosis takes. Exit code 2 for a log that a
     diagnosis would refuse.
     """
-    from vgroove.gap.log_check.command import check_file
+    from vgroove.gap.log_check.command import check_file, read_tool
     from vgroove.log import read_log
 
-    _check_outputs(json_path, inputs=[path, *([rig] if rig else [])])
-    check_file(read_log(path, _columns(maps, map_file)), rig, json_path, as_is)
+    _check_outputs(json_path, inputs=[each for each in (path, rig, joint) if each])
+    tool = read_tool(rig, joint)
+    check_file(read_log(path, _columns(maps, map_file)), tool, json_path, as_is)
 
 
 @log_app.command("compare")

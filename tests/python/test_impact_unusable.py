@@ -2,9 +2,11 @@
 `vgroove log check` refuse with a sentence.
 """
 
+import json
 import warnings
 from dataclasses import replace
 from itertools import groupby
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 from impact_logs import impact_rig, plant_log, ramp
 from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
-from vgroove.gap.log_check.command import fact_lines
+from vgroove.gap.log_check.command import fact_lines, read_tool
 from vgroove.gap.log_check.facts import impact_diagnosis_s
 from vgroove.gap.residual.impact.harmonics import fit_harmonics
 from vgroove.gap.residual.impact.missing_rows import fills_of, run_lengths, skipped_rows
@@ -24,7 +26,7 @@ from vgroove.gap.selection.log_content import shown_effects
 from vgroove.log import Log
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import with_load
-from vgroove.rig import Rig
+from vgroove.rig import Rig, write_rig
 
 HAMMERS_AT_S = 0.5
 
@@ -259,8 +261,25 @@ def test_a_simulation_that_diverges_writes_no_warning() -> None:
 
 
 def test_the_stated_time_of_a_diagnosis_grows_with_the_length_of_the_log() -> None:
-    times = [impact_diagnosis_s(length_s) for length_s in (1.2, 4.0, 8.0)]
-    assert times == pytest.approx([41.0, 71.0, 114.0])
+    """Between the measured times of logs of one effect (facts.py), of 1.7 and of 2.7 s."""
+    assert 29.0 <= impact_diagnosis_s(1.7) <= 38.0 and 35.0 <= impact_diagnosis_s(2.7) <= 48.0
+    assert impact_diagnosis_s(8.0) - impact_diagnosis_s(4.0) == pytest.approx(36.0)
+
+
+def test_the_check_of_a_log_takes_its_own_joint(tmp_path: Path) -> None:
+    """A log that begins amid the blows is refused on the rig's joint, which turns, and not on a
+    locked one.
+    """
+    load = REFERENCE_JOINTS["locked"].load
+    begun = begun_at(plant_log(with_load(impact_rig(), load), {}, 1, ramp(0.9, 1.6)), HAMMERS_AT_S)
+    rig_path, joint_path = tmp_path / "rig.toml", tmp_path / "joint.toml"
+    write_rig(impact_rig(), rig_path)
+    lines = [f"{key} = {json.dumps(value)}" for key, value in load.items()]
+    joint_path.write_text("\n".join(['schema = "vgroove.rig/1"', "[load]", *lines]))
+    assert check_log(begun, read_tool(rig_path, None)).refused
+    assert not check_log(begun, read_tool(rig_path, joint_path)).refused
+    with pytest.raises(VgrooveError, match="--joint needs --rig"):
+        read_tool(None, joint_path)
 
 
 def test_the_check_of_a_hammering_log_states_the_time_of_its_diagnosis(whole: Log) -> None:

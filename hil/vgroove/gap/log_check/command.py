@@ -11,17 +11,27 @@ from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import LogCheck, LogFacts, check_log
 from vgroove.log import Log
 from vgroove.output import write_json
-from vgroove.rig import read_rig
+from vgroove.rig import Rig, read_joints, read_rig
 from vgroove.terminal import print_line, print_warning, result_console
 
 
-def check_file(
-    log: Log, rig_path: Path | None, json_path: Path | None, as_is: bool = False
-) -> None:
+def read_tool(rig_path: Path | None, joint_path: Path | None) -> Rig | None:
+    """The rig of a log, with the joint of a file where one is named; VgrooveError for a joint
+    without a rig.
+    """
+    if rig_path is None:
+        if joint_path is not None:
+            raise VgrooveError("--joint needs --rig: it replaces the [load] of a rig")
+        return None
+    rig = read_rig(rig_path)
+    return read_joints([joint_path], rig, 1)[0] if joint_path is not None else rig
+
+
+def check_file(log: Log, rig: Rig | None, json_path: Path | None, as_is: bool = False) -> None:
     """Check a log; the facts go to stdout, warnings to stderr, with as_is also the findings that
     refuse the log. VgrooveError with these otherwise, after all else is written.
     """
-    check = check_log(log, None if rig_path is None else read_rig(rig_path))
+    check = check_log(log, rig)
     if json_path is not None:
         write_json(json_path, check.as_dict())
     print_check(check, log.warnings, result_console(json_path))
