@@ -52,13 +52,15 @@ def plant_log(
     rig: Rig, effects: dict[str, float], seed: int, duty: np.ndarray, bench: tuple[str, ...] = ()
 ) -> Log:
     """A log of 1 kHz rows of the plant with effects (flat names) and sensors' noise; the start
-    angle of the hammer and the places of the edges are drawn.
+    angle of the hammer, where the rig states none, and the places of the edges are drawn.
     """
     rng, time_s = np.random.default_rng(seed), 1e-3 * np.arange(len(duty))
     theta = rig.parameters().copy()
     for name, value in effects.items():
         theta[PARAMETERS.index(f"effects.{name}")] = value
-    theta[PARAMETERS.index("mechanism.hammer_start_rad")] = -rng.uniform(0.05, 2.1)
+    drawn = -rng.uniform(0.05, 2.1)
+    start = rig.mechanism.get("hammer_start_rad", drawn)
+    theta[PARAMETERS.index("mechanism.hammer_start_rad")] = start
     drive = _core.LogInput(time_s, "duty", duty, load_kind=rig.load["kind"])
     rows = _core.simulate_impact(drive, theta[None], mode="fast")
     speed = edge_reading(time_s, rows["angle_measured_rad"][0], rng.uniform(0.0, 1.5))

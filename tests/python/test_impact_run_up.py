@@ -2,6 +2,7 @@
 spans, and the nuisance directions beside which all statistics are judged.
 """
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -252,3 +253,40 @@ def test_tools_of_the_tolerances_add_scatter_over_the_start_only_where_theirs_is
     each = simulate_statistics(run, from_all_starts(other[1:], 12)[0])
     expected = np.sqrt(0.5) * np.std(each, axis=0)
     assert found[kept] == pytest.approx(expected[kept], rel=1e-6)
+
+
+@pytest.mark.parametrize("overlap_rad", [0.8, 0.9, 1.05])
+@pytest.mark.parametrize("start_rad", [-0.0015, -1.1, None])
+def test_a_start_angle_at_a_lug_is_found(overlap_rad: float, start_rad: float | None) -> None:
+    """The free angle of some overlaps is rounded to an angle on a lug, which the plant refuses, and
+    so is a step beyond an angle next to one. None: next to the lug behind.
+    """
+    free = np.pi - overlap_rad
+    start = 0.0015 - free if start_rad is None else start_rad
+    true = impact_rig(mechanism__lug_overlap_rad=overlap_rad, mechanism__hammer_start_rad=start)
+    log = plant_log(true, {}, 3, step(0.9))
+    problem = load_problem([log], impact_rig(mechanism__lug_overlap_rad=overlap_rad))
+    run, plant = problem.runs[0], problem.of_log(0, problem.theta0[None])
+    assert profiled_starts(run, plant)[0] == pytest.approx(start, abs=TOLERANCE_RAD)
+    left = problem.residuals(problem.theta0)[0][of_run_up(problem)]
+    assert np.sqrt(np.mean(left**2)) < 1.4
+
+
+def test_sets_of_different_lugs_do_not_depend_on_one_another() -> None:
+    problem = load_problem([plant_log(impact_rig(), {}, 5, step(0.9))], impact_rig())
+    plant = np.repeat(problem.of_log(0, problem.theta0[None]), 3, axis=0)
+    plant[:, PARAMETERS.index("mechanism.lug_overlap_rad")] = [1.1, 1.0, 0.9]
+    together = profiled_starts(problem.runs[0], plant)
+    apart = [profiled_starts(problem.runs[0], plant[k : k + 1])[0] for k in range(3)]
+    np.testing.assert_array_equal(together, apart)
+
+
+def test_a_spin_up_without_rows_leaves_the_start_angle_to_the_later_statistics() -> None:
+    log = plant_log(impact_rig(), {}, 5, step(0.9))
+    kept = (np.arange(len(log.time_s)) < 60) | (np.arange(len(log.time_s)) > 100)
+    columns = {name: values[kept] for name, values in log.columns.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        problem = load_problem([Log(log.time_s[kept], columns, "hole")], impact_rig())
+        found = profiled_starts(problem.runs[0], problem.of_log(0, problem.theta0[None]))
+    assert -np.pi + 1.0 < found[0] < 0.0

@@ -53,9 +53,9 @@ class FirstSpans:
 class StartSearch:
     """What the search for the hammer's start angle needs. contact_row: row, between two rows, at
     which the hammer of the rig's model first meets the anvil; until_contact: the plant's input up
-    to there; stages: the spans that are compared, first those of the first blow, last all. Weights
-    of the m statistics of the first stage where angles are compared: of_trials (m,) for the first
-    angles, of_halves (K, m) for each of the K halvings of the step.
+    to there; stages: the spans that are compared, first those up to the first blows, last all.
+    Weights of the m statistics of the first stage where angles are compared: of_trials (m,) for the
+    first angles, of_halves (K, m) for each of the K halvings of the step.
     """
 
     contact_row: float
@@ -154,6 +154,11 @@ class ImpactRun:
             self.measured[mine],
             self.sigma[mine],
         )
+
+    @cached_property
+    def all_spans(self) -> FirstSpans:
+        """All spans of the run-up."""
+        return self.first_spans(len(self.run_up.first))
 
     def read(self, columns: Mapping[str, np.ndarray], add_noise: bool) -> np.ndarray:
         """Statistics (B, n) of columns (B, rows); add_noise: of a simulation, whose scatter lacks

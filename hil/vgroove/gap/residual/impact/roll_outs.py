@@ -36,9 +36,7 @@ def run_up_means(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
 
 def run_up_residuals(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     """Residuals (B, m) of the judged statistics of the run-up for parameter sets (B, P)."""
-    kept = run.judged & run.is_run_up
-    means = run_up_means(run, theta)[:, run.judged[run.is_run_up]]
-    return (run.measured[kept] - means) / run.sigma[kept]
+    return span_residuals(run, run.all_spans, theta)
 
 
 def span_residuals(run: ImpactRun, spans: FirstSpans, theta: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ from vgroove.units import TURN_RAD
 class StartRules:
     """How many start angles of the hammer are simulated; chosen on simulated runs."""
 
-    # over the free angle between two lugs: the first blow tells it to about a fortieth of that
+    # over the free angle between two lugs: the first blow determines it to about a fortieth of that
     tried: int = 96
     # of the tried ones, besides the best one, where the last half of the run depends on the start
     spread: tuple[int, ...] = (8, 40, 72)
@@ -47,6 +47,7 @@ class StartRules:
     first_spans: int = 8  # of the search's first stage, from that of the first contact on
     growth: float = 2.0  # of the spans from the first contact on, from stage to stage
     reach: float = 3.0  # longest Gauss-Newton step of a stage, in standard deviations of the angle
+    rounds: int = 2  # Gauss-Newton steps over the whole run-up
     difference_rad: float = 1e-3  # between the two angles that give a slope
     for_curvature: int = 7  # angles from which the curvature within a step is taken
     # distance from the best angle within which the curvature widens standard deviations, as a share
@@ -56,6 +57,7 @@ class StartRules:
 
 STARTS = StartRules()
 BOTH = np.array([-1.0, 1.0])  # sides of an angle
+EDGE_RAD = 1e-6  # from a lug: more than rounding, less than the angle is known to
 HUBER_SIGMAS = 4.0  # threshold of Huber's loss
 # deviation by the start angle, in standard deviations of a log's statistic, above which the
 # statistic is not judged
@@ -70,15 +72,26 @@ COLUMN, RATIO = PARAMETERS.index(START), PARAMETERS.index("gearbox.ratio")
 
 def start_angles(theta0: np.ndarray, count: int = STARTS.tried) -> np.ndarray:
     """Start angles (count,) in rad of the hammer over the free angle between two lugs, for the
-    rig's parameters (P,).
+    rig's parameters (P,); for parameter sets (B, P) those of each (B, count).
     """
-    return -free_angle(theta0) / count * (np.arange(count) + 0.5)
+    return -np.multiply.outer(free_angle(theta0), (np.arange(count) + 0.5) / count)
 
 
-def free_angle(theta0: np.ndarray) -> float:
-    """Angle in rad that the hammer's lugs can turn between two lugs of the anvil."""
-    lugs, overlap = theta0[PARAMETERS.index(LUGS)], theta0[PARAMETERS.index(OVERLAP)]
-    return float(TURN_RAD / lugs - overlap)
+def free_angle(theta: np.ndarray) -> np.ndarray:
+    """Angles (...) in rad that the hammer's lugs can turn between two lugs of the anvil, for
+    parameters (..., P).
+    """
+    lugs, overlap = theta[..., PARAMETERS.index(LUGS)], theta[..., PARAMETERS.index(OVERLAP)]
+    return TURN_RAD / lugs - overlap
+
+
+def within(theta: np.ndarray, start_rad: np.ndarray, margin_rad: float = EDGE_RAD) -> np.ndarray:
+    """Start angles (B,) or (B, K) in rad of parameter sets (B, P), moved into the free angle: at
+    least a margin from either lug, on which no hammer can start.
+    """
+    free = free_angle(theta)
+    free = free[:, None] if np.ndim(start_rad) > np.ndim(free) else free
+    return np.clip(start_rad, margin_rad - free, -margin_rad)
 
 
 def with_starts(theta: np.ndarray, start_rad: np.ndarray | float) -> np.ndarray:
@@ -102,51 +115,52 @@ def closest_start(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> f
 
 
 def with_start_curvature(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
-    """The run whose run-up allows for its curvature near the start angle of a parameter set (P,):
-    later blows depend on the angle ever more steeply. The standard deviations contain it near the
-    angle; the weights of the search, within the distance of its trials and from the best of them.
+    """The run prepared for the start angles of parameter sets near one (P,) with its angle. The
+    later a blow, the more steeply it depends on the angle: the standard deviations of the run-up
+    contain the curvature of that response near the angle.
     """
     if run.early is None:
         return run
-    free = free_angle(theta)
-    run = with_deviations(run, _curvature(run, theta, free / STARTS.of_sigma))
+    kept, deviation = run.is_run_up & run.judged, np.zeros(len(run.part))
+    near = float(free_angle(theta)) / STARTS.of_sigma
+    deviation[kept] = _curvature(run, run.all_spans, theta, near) * run.sigma[kept]
+    run = with_deviations(run, deviation)
     return replace(run, search=_start_search(run, theta))
 
 
 def _start_search(run: ImpactRun, theta: np.ndarray) -> StartSearch:
-    """The search near the start angle of a parameter set (P,)."""
-    free, row = free_angle(theta), _contact_row(run, theta)
+    """The search near the start angle of a parameter set (P,). The weights of its first stage
+    contain the curvature within the step beside an angle.
+    """
+    row = _contact_row(run, theta)
     until = run.early.first_rows(min(int(row) + 2, len(run.early.time_s)))
     stages = tuple(run.first_spans(count) for count in _stage_spans(run, row))
-    steps = free / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1)
-    first = run.is_run_up & run.judged & (run.window < len(stages[0].run_up.first))
-    ratio = [_curvature(run, theta, step)[first] / run.sigma[first] for step in steps]
-    weights = 1.0 / np.hypot(1.0, ratio)
+    steps = float(free_angle(theta)) / STARTS.first * 0.5 ** np.arange(STARTS.halved + 1)
+    curvature = [_curvature(run, stages[0], theta, step) for step in steps]
+    weights = 1.0 / np.hypot(1.0, curvature)
     return StartSearch(row, until, stages, weights[0], weights[1:])
 
 
 def _stage_spans(run: ImpactRun, contact_row: float) -> list[int]:
-    """Numbers of first spans of the stages of the search: the first blows, twice as many spans from
-    the first contact on, and so on up to all.
+    """Numbers of first spans of the stages of the search: up to the first blows, and to the first
+    judged statistic; then twice as many from the first contact on, and so on up to all.
     """
     count, contact = len(run.run_up.first), int(contact_row) // run.run_up.rows
-    found = [min(contact + STARTS.first_spans, count)]
+    judged = run.window[run.is_run_up & run.judged]
+    least = int(judged.min()) + 1 if len(judged) else 1
+    found = [min(max(contact + STARTS.first_spans, least), count)]
     while found[-1] < count:
-        found.append(min(contact + round(STARTS.growth * (found[-1] - contact)), count))
+        longer = contact + round(STARTS.growth * (found[-1] - contact))
+        found.append(min(longer, count))
     return found
-
-
-def _middle(theta: np.ndarray, near_rad: float) -> float:
-    """The start angle of a parameter set (P,), so far from the lugs that near_rad fits beside."""
-    return float(np.clip(theta[COLUMN], near_rad - free_angle(theta), -near_rad))
 
 
 def _contact_row(run: ImpactRun, theta: np.ndarray) -> float:
     """Row, between two rows, at which the hammer of a parameter set (P,) first meets the anvil: up
     to there it turns with the spindle by the angle to the lug ahead.
     """
-    turned = _spindle_angle(run, run.early, theta[None])[0]
-    ahead = -theta[COLUMN] if turned[-1] >= 0.0 else free_angle(theta) + theta[COLUMN]
+    turned = np.nan_to_num(_spindle_angle(run, run.early, theta[None])[0])
+    ahead = -theta[COLUMN] if turned[-1] >= 0.0 else float(free_angle(theta)) + theta[COLUMN]
     reached = np.abs(turned) >= ahead
     row = int(np.argmax(reached)) if reached.any() else len(turned) - 1
     if row == 0:
@@ -160,8 +174,8 @@ def _spindle_angle(run: ImpactRun, drive: DrivingColumns, theta: np.ndarray) -> 
     each from the start angle at which the hammer is farthest from the lug ahead.
     """
     forwards = np.sum(np.sign(drive.command)) >= 0.0
-    farthest = with_starts(theta, -free_angle(theta[0]) if forwards else 0.0)
-    return simulate(run, farthest, drive)["angle_rad"] / theta[:, [RATIO]]
+    farthest = within(theta, np.full(len(theta), -np.inf if forwards else 0.0))
+    return simulate(run, with_starts(theta, farthest), drive)["angle_rad"] / theta[:, [RATIO]]
 
 
 def predicted_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
@@ -169,24 +183,22 @@ def predicted_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     the same time as that of the rig's model from its best angle.
     """
     turned = np.nan_to_num(_spindle_angle(run, run.search.until_contact, theta))
-    free, row = free_angle(theta[0]), turned.shape[1] - 2
+    free, row = free_angle(theta), turned.shape[1] - 2
     share = run.search.contact_row - row
     at = (1.0 - share) * turned[:, row] + share * turned[:, row + 1]
-    return np.clip(np.where(turned[:, -1] >= 0.0, -at, -free - at), -free, 0.0)
+    return within(theta, np.where(turned[:, -1] >= 0.0, -at, -free - at))
 
 
-def _curvature(run: ImpactRun, theta: np.ndarray, near_rad: float) -> np.ndarray:
-    """RMS (n,) of what is not proportional to the start angle in the run-up of a parameter set
-    (P,), within a distance; in the units of the statistics.
+def _curvature(run: ImpactRun, spans: FirstSpans, theta: np.ndarray, near_rad: float) -> np.ndarray:
+    """RMS (m,), in standard deviations, of what is not proportional to the start angle in the
+    statistics of spans, within a distance from the angle of a parameter set (P,).
     """
     beside = near_rad * np.linspace(-1.0, 1.0, STARTS.for_curvature)
-    tried = with_starts(theta, _middle(theta, near_rad) + beside)
-    change = np.nan_to_num(run_up_residuals(run, tried))
+    middle = within(theta[None], theta[None, COLUMN], near_rad + EDGE_RAD)
+    change = np.nan_to_num(span_residuals(run, spans, with_starts(theta, middle + beside)))
     design = np.stack([np.ones_like(beside), beside], axis=1)
     left = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
-    found, kept = np.zeros(len(run.part)), run.is_run_up & run.judged
-    found[kept] = np.sqrt((left**2).mean(axis=0)) * run.sigma[kept]
-    return found
+    return np.sqrt((left**2).mean(axis=0))
 
 
 def with_deviations(run: ImpactRun, deviation: np.ndarray) -> ImpactRun:
@@ -199,32 +211,35 @@ def with_deviations(run: ImpactRun, deviation: np.ndarray) -> ImpactRun:
 
 def profiled_starts(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     """Start angles (B,) in rad from which parameter sets (B, P) follow the run-up best."""
-    limit, weight = free_angle(theta[0]), run.search.of_trials
-    step = limit / STARTS.first
-    tried = _Starts.beside(run, theta, predicted_starts(run, theta), step)
-    found, bent = tried.best(weight), tried.is_bent()
+    search, predicted = run.search, predicted_starts(run, theta)
+    if not len(search.of_trials):  # no statistic of the run-up is judged
+        return predicted
+    step = free_angle(theta) / STARTS.first
+    tried = _Starts.beside(run, theta, predicted, step)
+    found, bent = tried.best(search.of_trials), tried.is_bent()
     elsewhere = found.start_rad[:, 0] != tried.start_rad[:, 1]
     if elsewhere.any():
-        everywhere = np.tile(start_angles(theta[0], STARTS.first), (int(elsewhere.sum()), 1))
+        everywhere = start_angles(theta[elsewhere], STARTS.first)
         more = _Starts.of_angles(run, theta[elsewhere], everywhere)
-        found = found.replaced(elsewhere, found.of(elsewhere).joined(more).best(weight))
-    longest, active = np.full(len(theta), step), bent | elsewhere
+        joined = found.of(elsewhere).joined(more)
+        found = found.replaced(elsewhere, joined.best(search.of_trials))
+    longest, active = step.copy(), bent | elsewhere
     closest, finest = active & ~elsewhere, step * 0.5**STARTS.halved
     if closest.any():
-        tried = found.of(closest).with_sides(run, theta[closest], finest)
-        found = found.replaced(closest, tried.best(run.search.of_halves[-1]))
-        longest[closest], active[closest] = STARTS.far * finest, tried.is_bent()
-    for weight in run.search.of_halves:
+        tried = found.of(closest).with_sides(run, theta[closest], finest[closest])
+        found = found.replaced(closest, tried.best(search.of_halves[-1]))
+        longest[closest], active[closest] = STARTS.far * finest[closest], tried.is_bent()
+    for weight in search.of_halves:
         if not active.any():
             break
-        step *= 0.5
-        tried = found.of(active).with_sides(run, theta[active], step)
-        found, longest[active] = found.replaced(active, tried.best(weight)), step
-        active[active] = tried.is_bent()
+        step = 0.5 * step
+        tried = found.of(active).with_sides(run, theta[active], step[active])
+        found = found.replaced(active, tried.best(weight))
+        longest[active], active[active] = step[active], tried.is_bent()
     start = found.start_rad[:, 0]
-    for spans in run.search.stages[:-1]:
+    for spans in search.stages[:-1]:
         at = _SlopedStart.of(run, spans, theta, start)
-        start = at.moved(at.step(longest), limit)
+        start = within(theta, start + at.step(longest))
         longest = np.minimum(STARTS.reach * at.sigma_rad, longest)
     return _nearest_minimum(run, theta, start, longest)
 
@@ -233,25 +248,29 @@ def _nearest_minimum(
     run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray, longest_rad: np.ndarray
 ) -> np.ndarray:
     """Start angles (B,) in rad of the least Huber loss over the whole run-up of parameter sets
-    (B, P), near start_rad (B,), by two Gauss-Newton steps of at most longest_rad (B,) with the
-    slopes at start_rad. The steps are taken where the first one lowers the loss.
+    (B, P): of start_rad (B,) and those after each of STARTS.rounds Gauss-Newton steps from there
+    with the slopes at start_rad, of at most longest_rad (B,).
     """
-    spans, limit = run.search.stages[-1], free_angle(theta[0])
+    spans = run.all_spans
     at = _SlopedStart.of(run, spans, theta, start_rad)
-    first = at.step(longest_rad)
-    met = replace(at, start_rad=at.moved(first, limit))
-    met = replace(met, residual=span_residuals(run, spans, with_starts(theta, met.start_rad)))
-    lower = _huber(met.residual) < _huber(at.residual)
-    return np.where(lower, met.moved(met.step(np.abs(first)), limit), start_rad)
+    angles, losses = [start_rad], [_huber(at.residual)]
+    for _ in range(STARTS.rounds):
+        step = at.step(longest_rad)
+        longest_rad = np.abs(step)
+        angles.append(within(theta, angles[-1] + step))
+        residual = span_residuals(run, spans, with_starts(theta, angles[-1]))
+        at = replace(at, residual=residual)
+        losses.append(_huber(residual))
+    best = np.argmin(losses, axis=0)
+    return np.stack(angles)[best, np.arange(len(theta))]
 
 
 @dataclass(frozen=True)
 class _SlopedStart:
-    """A start angle in rad of each of B parameter sets (B,), the m residuals of spans of the run-up
-    (B, m), and their slopes per rad (B, m).
+    """The m residuals of spans of the run-up, simulated from a start angle of each of B parameter
+    sets (B, m), and their slopes per rad (B, m); 0 where the plant cannot simulate.
     """
 
-    start_rad: np.ndarray
     residual: np.ndarray
     slope: np.ndarray
 
@@ -260,12 +279,13 @@ class _SlopedStart:
         run: ImpactRun, spans: FirstSpans, theta: np.ndarray, start_rad: np.ndarray
     ) -> "_SlopedStart":
         """The simulations of parameter sets (B, P) from start angles (B,) in rad."""
+        apart = np.where(start_rad < -2.0 * STARTS.difference_rad, 1.0, -1.0)
+        apart = STARTS.difference_rad * apart
         at, beside = (
             span_residuals(run, spans, with_starts(theta, start_rad + more))
-            for more in (0.0, STARTS.difference_rad)
+            for more in (np.zeros(len(theta)), apart)
         )
-        slope = (np.nan_to_num(beside) - np.nan_to_num(at)) / STARTS.difference_rad
-        return _SlopedStart(start_rad, at, slope)
+        return _SlopedStart(at, np.nan_to_num((beside - at) / apart[:, None]))
 
     @property
     def _information(self) -> np.ndarray:
@@ -285,10 +305,6 @@ class _SlopedStart:
         change = -gradient.sum(axis=1) / self._information
         return np.clip(change, -longest_rad, longest_rad)
 
-    def moved(self, step_rad: np.ndarray, limit_rad: float) -> np.ndarray:
-        """Start angles (B,) after a step (B,), within the free angle limit_rad."""
-        return np.clip(self.start_rad + step_rad, -limit_rad, 0.0)
-
 
 @dataclass(frozen=True)
 class _Starts:
@@ -306,18 +322,19 @@ class _Starts:
 
     @staticmethod
     def beside(
-        run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray, step_rad: float
+        run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray, step_rad: np.ndarray
     ) -> "_Starts":
-        """The simulations of parameter sets (B, P) from start angles (B,) in rad and one step to
-        either side of each.
+        """The simulations of parameter sets (B, P) from start angles (B,) in rad and one step (B,)
+        to either side of each.
         """
-        angles = start_rad[:, None] + step_rad * np.array([-1.0, 0.0, 1.0])
-        return _Starts.of_angles(run, theta, np.clip(angles, -free_angle(theta[0]), 0.0))
+        angles = start_rad[:, None] + np.multiply.outer(step_rad, [-1.0, 0.0, 1.0])
+        return _Starts.of_angles(run, theta, within(theta, angles))
 
-    def with_sides(self, run: ImpactRun, theta: np.ndarray, step_rad: float) -> "_Starts":
-        """This one angle of each set, and one step to either side of it, in ascending order."""
-        angles = self.start_rad + step_rad * BOTH
-        sides = np.clip(angles, -free_angle(theta[0]), 0.0)
+    def with_sides(self, run: ImpactRun, theta: np.ndarray, step_rad: np.ndarray) -> "_Starts":
+        """This one angle of each set, and one step (B,) to either side of it, in ascending
+        order.
+        """
+        sides = within(theta, self.start_rad + np.multiply.outer(step_rad, BOTH))
         both = self.joined(_Starts.of_angles(run, theta, sides))
         return _Starts(both.start_rad[:, [1, 0, 2]], both.residual[:, [1, 0, 2]])
 

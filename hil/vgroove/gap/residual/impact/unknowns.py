@@ -78,7 +78,7 @@ def from_all_starts(tools: np.ndarray, count: int) -> np.ndarray:
     """Parameter sets (B, count, P): each of the tools (B, P) from start angles over the free angle
     of the hammer.
     """
-    starts = np.tile(start_angles(tools[0], count), len(tools))
+    starts = start_angles(tools, count).ravel()
     return with_starts(np.repeat(tools, count, axis=0), starts).reshape(len(tools), count, -1)
 
 
