@@ -400,8 +400,8 @@ def sim(
     restart_s: Annotated[
         float | None,
         typer.Option(
-            help="With --log: seconds after which the model restarts from measured states; "
-            "default: docs/spec/gap.md, section 5."
+            help="With --log: seconds after which the model restarts from measured states; default "
+            "0.25 s, longer for slow loggers and for a speed under a measured current."
         ),
     ] = None,
     seconds: Annotated[

@@ -66,7 +66,8 @@ HISTORY = (
 HISTORY_WORD = re.compile("|".join(HISTORY), re.IGNORECASE)
 # Figures of speech: logs, numbers and programs neither tell, say, know nor believe.
 METAPHORS = (
-    r"\bno log tells\b",
+    r"\b(?:no|the) log (?:tells|does not tell)\b",
+    r"\bsays? nothing\b",
     r"\bas far as (?:it|its \w+) tells?\b",
     r"\b(?:speaks?|says?) (?:against|little about)\b",
     r"\b(?:nobody|neither) knows\b",

@@ -193,7 +193,7 @@ def test_the_command_writes_the_section(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0 and "ms late" in done.output
     section = json.loads(out.read_text(encoding="utf-8"))
-    assert section["schema"] == "vgroove.firmware/1" and section["verdict"] == "firmware"
+    assert section["schema"] == "vgroove.firmware/2" and section["verdict"] == "firmware"
     assert section["logs"][0]["kind"] == "late"
 
 

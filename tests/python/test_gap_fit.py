@@ -337,7 +337,7 @@ def test_too_few_clusters_exclude_nothing() -> None:
 
 def test_a_stated_prior_needs_no_degrees_of_freedom() -> None:
     """Two numbers of which the rows determine the sum, one with a prior: the prior of the second
-    makes the uncertainty of the first, of which the scatter over two clusters says nothing.
+    makes the uncertainty of the first, which the scatter over two clusters does not determine.
     """
     columns = np.ones((40, 2)) * np.array([1.0, 5.0])
     engine, one, clusters = linear_fit(columns[:, :1], np.array([30.0]), 1)

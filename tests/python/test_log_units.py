@@ -187,6 +187,8 @@ def test_a_load_that_the_rig_of_a_current_driven_arm_lacks_is_no_unit(weight_nm:
     findings = check_log(log, tool).findings
     assert any("position_rad" in f.text and f.warns for f in findings)
     assert not any(f.refuses for f in findings)
+    damaged = check_log(scaled(log, "position_rad", 1e3), tool)  # more than a load makes
+    assert any("position_rad" in f.text and f.refuses for f in damaged.findings)
 
 
 def with_angle(log: Log, turn: float) -> Log:

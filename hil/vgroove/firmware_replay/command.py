@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from vgroove.rig import Rig
 
 app = typer.Typer()  # its command is one of `vgroove gap`
-SCHEMA = "vgroove.firmware/1"
+SCHEMA = "vgroove.firmware/2"
 FirmwarePath = Annotated[
     Path | None,
     typer.Option(

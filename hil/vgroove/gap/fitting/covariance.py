@@ -17,7 +17,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.huber import huber_weight
 
 UPPER_QUANTILE = 0.975  # of a two-sided 95 % interval
-MIN_JACKKNIFE_FOLDS = 3  # fewer estimates say nothing about their scatter
+MIN_JACKKNIFE_FOLDS = 3  # fewer estimates do not determine their scatter
 # limits of a share and of degrees of freedom that keep a quantile of Student's t finite
 MIN_SHARE, MAX_FREEDOM = 1e-6, 1e6
 

@@ -7,7 +7,7 @@ that of a unit, a simulation times that factor follows the column closely, and o
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -104,12 +104,19 @@ class Slope:
 @dataclass(frozen=True)
 class Causes:
     """What else than the unit of a column may make its factor: the command, if it moves no other
-    column, and a measured load (loaded).
+    column, a measured load (loaded), and the errors of friction and load that the simulated motion
+    adds up (drifts).
     """
 
     rig: Rig
     is_only_moved_column: bool
     loaded: bool
+    drifts: bool
+
+    def may_make(self, slope: Slope) -> bool:
+        """Whether the errors that a simulated motion adds up may make the factor of a column."""
+        size = abs(slope.factor)
+        return self.drifts and slope.column in GEARED and 1.0 / RULES.counts < size < RULES.counts
 
 
 # per column: factor of the numbers, unit as --map names it
@@ -159,10 +166,8 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
     if starts_moving_or_deflected(part, rig):
         slopes = [slope for slope in slopes if slope.factor > 0.0]
-    findings = _input_findings(slopes, rig) or _findings_of_columns(slopes, part, rig)
-    if rig.input["kind"] == "current_a":
-        return [replace(finding, refuses=False, warns=True) for finding in findings]
-    return findings
+    drifts = rig.input["kind"] == "current_a"
+    return _input_findings(slopes, rig) or _findings_of_columns(slopes, part, rig, drifts)
 
 
 def _acceleration_findings(factors: dict[str, float], log: Log, rig: Rig) -> list[Finding]:
@@ -185,11 +190,13 @@ def _acceleration_findings(factors: dict[str, float], log: Log, rig: Rig) -> lis
     return _findings_of_columns(slopes, log, rig)
 
 
-def _findings_of_columns(slopes: list[Slope], log: Log, rig: Rig) -> list[Finding]:
-    """Findings on each column by itself."""
+def _findings_of_columns(
+    slopes: list[Slope], log: Log, rig: Rig, drifts: bool = False
+) -> list[Finding]:
+    """Findings on each column by itself; drifts: as in Causes."""
     is_only = sum(slope.column != "supply_v" for slope in slopes) == 1
     loaded = rig.load["kind"] == "torque" and "load_nm" in log.columns
-    causes = Causes(rig, is_only, loaded)
+    causes = Causes(rig, is_only, loaded, drifts)
     return [finding for slope in slopes for finding in _column_findings(slope, causes)]
 
 
@@ -265,6 +272,8 @@ def _column_findings(slope: Slope, causes: Causes) -> list[Finding]:
         return []
     units = units_of(slope.column, causes.rig)
     nearest = min(units, key=lambda unit: _distance(slope.factor, unit))
+    if causes.may_make(slope):
+        return [_warning(slope, nearest)] if slope.is_close() else []
     for unit in (nearest, *units):
         if slope.is_close(unit.wide) and _matches(slope.factor, unit):
             mend = unit.mend + _or_input(slope.column, unit.factor, causes)

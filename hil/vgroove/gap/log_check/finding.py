@@ -6,7 +6,7 @@ from typing import Any
 
 from vgroove.gap.log_check.facts import LogFacts
 
-SCHEMA = "vgroove.log_check/1"
+SCHEMA = "vgroove.log_check/2"
 
 
 @dataclass(frozen=True)

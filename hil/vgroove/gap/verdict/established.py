@@ -56,7 +56,7 @@ class Member:
     @cached_property
     def significant(self) -> bool:
         """Whether its gain is significant and a substantial share (gains_enough()). Where one event
-        of the log shows nearly all of a large gap, the other parts of the log say nothing of it.
+        of the log shows nearly all of a large gap, the other parts of the log do not determine it.
         """
         if self.search.closes_far_gap(self.best, self.without):
             return self.search.gains_share(self.best, self.without)

@@ -1,5 +1,5 @@
-"""What no log of a hammering tool tells, and how far the statistics depend on it: the start angle
-of the hammer, the roughness of the joint, and the repeatability of tool and sensors.
+"""What is not determined by a log of a hammering tool, and how far the statistics depend on it: the
+start angle of the hammer, the roughness of the joint, and the repeatability of tool and sensors.
 """
 
 from collections.abc import Sequence
@@ -45,9 +45,9 @@ STARTS_OF_TOOL = 12  # start angles of each of the further tools over which stat
 
 
 def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
-    """The run with the responses of its statistics to what the log does not tell, and the start
-    angles (M,) in rad of the hammer to simulate: the one that follows the log best, and others
-    where the end of the run depends on the start.
+    """The run with the responses of its statistics to what the log does not determine, and the
+    start angles (M,) in rad of the hammer to simulate: the one that follows the log best, and
+    others where the end of the run depends on the start.
     """
     theta = rig.parameters()
     neutral = without_effects(theta)
@@ -192,7 +192,7 @@ def tolerated_tools(rig: Rig, theta: np.ndarray) -> np.ndarray:
 
 
 def with_responses(run: ImpactRun, responses: Sequence[np.ndarray]) -> ImpactRun:
-    """The run that is judged beside what the log does not tell: responses (n, m) each, and the
+    """The run that is judged beside what the log does not determine: responses (n, m) each, and the
     repeatability of tool and sensors.
     """
     kept = run.judged
