@@ -769,6 +769,7 @@ def test_fifth_of_precise_screwing_on_drawn_screws(fifth: Any) -> None:
     assert found["rate_change_soft"] <= -0.2 and found["time_ratio"] <= 3.0
 
 
+@pytest.mark.proof  # in `make test` the same controllers on a fifth of the matrix
 @pytest.mark.parametrize("method", ["method 1", "method 2"])
 def test_fifth_of_low_vibration_on_drawn_cells(fifth: Any, method: str) -> None:
     found = summary(fifth("vibration_drawn"), method)

@@ -31,6 +31,7 @@ from vgroove.log.raw_columns import RawColumns, log_from_raw
 from vgroove.log.stated_units import unit_in_name
 from vgroove.log.units_of_columns import UNITS, unit_factor
 from vgroove.units import RPM_PER_RAD_S
+from warm_cli import warm_vgroove
 
 PRACTICE = ROOT / "tests/data/practice/practice_002"
 VGROOVE = str(Path(sys.executable).with_name("vgroove"))
@@ -1034,12 +1035,13 @@ def test_every_command_that_reads_logs_takes_the_map(tmp_path: Path) -> None:
 
     for command in (("log", "check", path, "--rig", rig), ("sim", rig, "--log", path)):
         assert run(*command).returncode == 2
-        done = run(*command, *maps, "--json", out)
+        done = warm_vgroove(*command, *maps, "--json", out)
         assert done.returncode == 0, done.stderr
     gap = json.loads(out.read_text())["gap"]
-    assert run("sim", rig, "--log", tmp_path / "own.csv", "--json", out).returncode == 0
+    own_file = warm_vgroove("sim", rig, "--log", tmp_path / "own.csv", "--json", out)
+    assert own_file.returncode == 0
     assert gap == pytest.approx(json.loads(out.read_text())["gap"], rel=1e-6)
-    done = run("gap", "diagnose", path, "--rig", rig, *maps, "--json", out)
+    done = warm_vgroove("gap", "diagnose", path, "--rig", rig, *maps, "--json", out)
     assert done.returncode == 0 and json.loads(out.read_text())["schema"] == "vgroove.gap/1"
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from vgroove.errors import VgrooveError
 from vgroove.output import check_outputs, replacing, write_text
+from warm_cli import warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -124,7 +125,8 @@ COMMANDS = [
 )
 def test_every_command_refuses_before_the_work(tmp_path: Path, command: str, option: str) -> None:
     for name in ("/", str(tmp_path), str(tmp_path / "none" / "out")):
-        done = vgroove(*command.split(), option, name)
+        run = vgroove if name == "/" and option == dict(COMMANDS)[command][0] else warm_vgroove
+        done = run(*command.split(), option, name)
         assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
         assert (
             done.stderr.startswith(f"vgroove: {name}: cannot be written: ")
@@ -139,7 +141,7 @@ def test_a_log_that_cannot_be_written_is_refused_before_the_work(
 ) -> None:
     (tmp_path / "dir.csv").mkdir()
     for name in (tmp_path / "dir.csv", tmp_path / "none" / "run.csv"):
-        done = vgroove(*command.split(), "-o", str(name))
+        done = warm_vgroove(*command.split(), "-o", str(name))
         assert (
             done.returncode == 2
             and done.stderr.startswith(f"vgroove: {name}: cannot be written: ")

@@ -6,8 +6,6 @@ import gc
 import itertools
 import json
 import os
-import resource
-import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -30,6 +28,7 @@ from vgroove.log import Log, read_log, write_csv
 from vgroove.output import write_all
 from vgroove.result_files import SCRIPT_NAME
 from vgroove.rig import read_rig
+from warm_cli import Settings, warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
 VGROOVE = [sys.executable, "-m", "vgroove"]
@@ -67,19 +66,7 @@ supply_noise_v = 0.02
 def vgroove(*arguments: object, limit: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run the command line; a file larger than `limit` bytes fails as on a full disk."""
 
-    def before() -> None:
-        if limit is not None:
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    return subprocess.run(
-        [*VGROOVE, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        preexec_fn=before,
-    )
+    return warm_vgroove(*arguments, settings=Settings(limit=limit))
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from vgroove import lockstep, telemetry
 from vgroove.board import BoardInputs, BoardOutputs, default_elf
 from vgroove.log import read_log
 from vgroove.pty_line import PtyLine
+from warm_cli import warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIO = ROOT / "scenarios" / "spin_up.toml"
@@ -75,7 +76,7 @@ def test_a_run_is_deterministic_and_the_seed_matters(on: str, tmp_path: Path) ->
 def test_other_endings_hold_the_same_rows(ending: str, tmp_path: Path) -> None:
     scenario = short_scenario(tmp_path, 0.6)
     for suffix in ("csv", ending):
-        assert vgroove("run", scenario, "-o", tmp_path / f"log.{suffix}").returncode == 0
+        assert warm_vgroove("run", scenario, "-o", tmp_path / f"log.{suffix}").returncode == 0
     csv, other = read_log(tmp_path / "log.csv"), read_log(tmp_path / f"log.{ending}")
     assert len(csv) == len(other)
     assert (csv["current_a"] == other["current_a"]).all() and (
@@ -234,7 +235,7 @@ def test_ctrl_c_leaves_a_valid_log_and_exits_130(tmp_path: Path) -> None:
 def test_unusable_options_are_errors_with_a_message(
     arguments: list[str], sentence: str, tmp_path: Path
 ) -> None:
-    done = vgroove("run", short_scenario(tmp_path, 0.1), *arguments)
+    done = warm_vgroove("run", short_scenario(tmp_path, 0.1), *arguments)
     assert done.returncode == 2
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
@@ -285,7 +286,7 @@ def test_broken_hall_line_hides_edges() -> None:
 
 def test_an_eeprom_image_survives_the_native_run(tmp_path: Path) -> None:
     scenario, image = short_scenario(tmp_path, 1.0), tmp_path / "eeprom.bin"
-    assert vgroove("run", scenario, "--eeprom", image).returncode == 0
+    assert warm_vgroove("run", scenario, "--eeprom", image).returncode == 0
     assert image.read_bytes() == b"\xff" * 1024, "a run without a write leaves it erased"
     text = (
         scenario.read_text()
@@ -294,8 +295,8 @@ def test_an_eeprom_image_survives_the_native_run(tmp_path: Path) -> None:
     scenario.write_text(
         text.replace("[0.3, 0.0], [0.5, 1.0], [2.0, 1.0], [2.1, 0.0]", "[2.1, 0.0]")
     )
-    assert vgroove("run", scenario, "--eeprom", image).returncode == 0
+    assert warm_vgroove("run", scenario, "--eeprom", image).returncode == 0
     assert image.read_bytes() != b"\xff" * 1024
     image.write_bytes(b"\xff" * 5)
-    refused = vgroove("run", scenario, "--eeprom", image)
+    refused = warm_vgroove("run", scenario, "--eeprom", image)
     assert refused.returncode == 2 and "1024 bytes, not 5" in refused.stderr

@@ -21,6 +21,7 @@ from browser import need_chromium, seen
 from vgroove.html_page import Table, legend_per_panel, style, thin
 from vgroove.study.step_events import event_rows
 from vgroove.study.steps import largest_below
+from warm_cli import Settings, warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 300
@@ -189,7 +190,8 @@ def test_bad_input_gives_a_message_and_exit_code_2(
     (tmp_path / "file").write_text("")
     low = (ROOT / "rigs/drill_driver_low.toml").read_text()
     (tmp_path / "mixed.toml").write_text(low.split("[load]")[0] + '[load]\nkind = "none"\n')
-    done = vgroove("study", "steps", "--points", "2", *arguments, cwd=tmp_path)
+    words = ("study", "steps", "--points", "2", *arguments)
+    done = warm_vgroove(*words, settings=Settings(cwd=tmp_path))
     assert done.returncode == 2
     assert sentence in done.stderr and "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("*.csv")) and not list(tmp_path.rglob("*.json"))

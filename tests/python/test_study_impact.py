@@ -17,6 +17,7 @@ from vgroove.reference.rigs import impact_rig
 from vgroove.rig import read_rig
 from vgroove.study.disc_springs import disc_force
 from vgroove.study.impact import phases_of
+from warm_cli import Settings, warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOW = np.dtype([("time_s", "f8"), ("engaged_m", "f8"), ("kind", "i8"), ("skipped", "i8")])
@@ -213,7 +214,7 @@ def test_a_blow_shrinks_the_step_and_the_cycle_recovers_it(tmp_path: Path) -> No
 def test_bad_input_gives_a_message_and_exit_code_2(
     tmp_path: Path, words: tuple, sentence: str
 ) -> None:
-    done = vgroove("study", *words, cwd=tmp_path)
+    done = warm_vgroove("study", *words, settings=Settings(cwd=tmp_path))
     assert done.returncode == 2
     assert sentence in " ".join(done.stderr.split()) and "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("*.*"))

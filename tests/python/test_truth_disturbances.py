@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truth_helpers import NOISELESS, TRUTH, Run, setting_of, simulate
+from truth_helpers import NOISELESS, TRUTH, Run, setting_of, simulate, simulate_once
 
 import bench_measured  # isort: skip
 import disturbances  # isort: skip
@@ -28,7 +28,7 @@ def disturbed(
     """Noiseless runs of two seconds without and with one disturbance."""
     setting = setting_of(profile, seconds=2.0, **rig)
     other = replace(setting, disturbances=(Disturbance(name, size, seed),))
-    return simulate(setting, NOISELESS)[0], simulate(other, NOISELESS)[0]
+    return simulate_once(setting, NOISELESS)[0], simulate(other, NOISELESS)[0]
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -1,6 +1,6 @@
 """Every effect of the generator is visible, in the signals and with the sign of its physics."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -16,13 +16,14 @@ from truth_helpers import (
     columns,
     effect_params,
     setting_of,
-    simulate,
+    simulated_once,
     speed_column,
     steady,
     top_speed,
     visibility,
     visible_limit,
 )
+from truth_helpers import simulate_once as simulate
 
 SENSORS = {
     "current_gain": "i",
@@ -37,6 +38,12 @@ SENSORS = {
     "hall_dropout": "w",
 }
 PROFILE = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "staircase"}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def equal_runs_are_shared() -> Iterator[None]:
+    with simulated_once():
+        yield
 
 
 def pair(effect_id: str, part: float) -> tuple[Setting, Run, Run]:

@@ -2,9 +2,13 @@
 docs/spec/model.md integrated by SciPy.
 """
 
+import pickle
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -13,6 +17,7 @@ TRUTH = Path(__file__).resolve().parents[1] / "truth"
 if str(TRUTH) not in sys.path:
     sys.path.insert(0, str(TRUTH))
 
+import cases  # noqa: E402
 import sealed  # noqa: E402
 from cases import (  # noqa: E402
     NOISELESS,
@@ -51,6 +56,8 @@ __all__ = [
     "sealed",
     "setting_of",
     "simulate",
+    "simulate_once",
+    "simulated_once",
     "speed_column",
     "steady",
     "top_speed",
@@ -70,6 +77,32 @@ def setting_of(profile: str, seconds: float = 3.0, seed: int = 5, **rig_changes:
     )
     rig = replace(rig, load="torque" if len(made.load_time_s) else "none")
     return Setting(rig, rig, made, seconds, seed)
+
+
+_RUNS: dict[bytes, tuple] = {}
+KEPT_RUNS = 32
+
+
+def simulate_once(setting: Setting, params: dict[str, float]) -> tuple:
+    """`cases.simulate`, whose last results are kept; their arrays must not be written."""
+    key = pickle.dumps((setting, sorted(params.items())))
+    if key not in _RUNS:
+        while len(_RUNS) >= KEPT_RUNS:
+            del _RUNS[next(iter(_RUNS))]
+        _RUNS[key] = simulate(setting, params)
+        for array in vars(_RUNS[key][0]).values():
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
+    else:
+        _RUNS[key] = _RUNS.pop(key)  # the run used last is dropped last
+    return _RUNS[key]
+
+
+@contextmanager
+def simulated_once() -> Iterator[None]:
+    """Within, visibilities and visible limits simulate equal runs once."""
+    with patch.object(cases, "simulate", simulate_once):
+        yield
 
 
 def steady(duty: float, seconds: float = 0.8, **params: float) -> dict[str, float]:

@@ -116,6 +116,10 @@ void Tool::start() {
 void Tool::begin_period(double period_s, const Drive &drive) {
     drive_ = drive;
     load_at_shaft_nm_ = std::abs(drive.load_nm) / params.ratio;
+    damping_ = 2.0 * params.bristle_damping * std::sqrt(stiffness_ * inertia_);
+    load_damping_ =
+        2.0 * params.bristle_damping * std::sqrt(load_stiffness_ * (inertia_ + out_inertia_));
+    move_to_edge(state.edge_index);
     slow_states(period_s);
     if (state.gate) {
         drive_.duty *= 1.0 - params.u_glitch;
@@ -361,9 +365,7 @@ void Tool::step_output(double h) {
     const double limit = load_at_shaft_nm_ / load_stiffness_;
     const double speed = two_masses_ ? s.out_speed_rad_s : s.speed_rad_s;
     advance_bristle(s.load_bristle, speed, 0.5 * h, limit);
-    const double damping =
-        2.0 * params.bristle_damping * std::sqrt(load_stiffness_ * (inertia_ + out_inertia_));
-    double torque = bristle_torque(s.load_bristle, speed, load_stiffness_, damping, limit);
+    double torque = bristle_torque(s.load_bristle, speed, load_stiffness_, load_damping_, limit);
     if (params.pendulum_mass_kg > 0.0) {
         const double angle =
             (two_masses_ ? s.out_angle_rad : s.angle_rad) / params.ratio - params.pendulum_zero_rad;
@@ -389,10 +391,9 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
     const double k = saturated_k(s.current_a);
     const double limit = dry_level(s.speed_rad_s) / stiffness_;
     advance_bristle(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
-    const double damping = 2.0 * params.bristle_damping * std::sqrt(stiffness_ * inertia_);
     const double smooth = smooth_torque();
     const double friction =
-        smooth + bristle_torque(s.motor_bristle, s.speed_rad_s, stiffness_, damping, limit);
+        smooth + bristle_torque(s.motor_bristle, s.speed_rad_s, stiffness_, damping_, limit);
     const double against = friction + (two_masses_ ? coupling_nm_ : s.load_bristle.torque_nm);
     const double drop = params.brush_drop_v != 0.0
                             ? params.brush_drop_v * sign(s.current_a) *
@@ -532,6 +533,14 @@ double Tool::edge_angle(long index) const {
     return params.hall_offset_rad + static_cast<double>(index) * pitch + uneven;
 }
 
+void Tool::move_to_edge(long index) {
+    state.edge_index = index;
+    if (params.hall_edges > 0.0) {
+        edge_below_rad_ = edge_angle(index);
+        edge_above_rad_ = edge_angle(index + 1);
+    }
+}
+
 // Edges passed in a step, located by linear interpolation; in reverse they are late by the sensor's
 // hysteresis.
 void Tool::find_edges(double t0, double h, double angle0) {
@@ -553,13 +562,13 @@ void Tool::find_edges(double t0, double h, double angle0) {
         }
         edges.push_back({t0 + part * h + jitter, direction});
     };
-    while (a1 >= edge_angle(state.edge_index + 1)) {
-        ++state.edge_index;
-        keep(edge_angle(state.edge_index), 1);
+    while (a1 >= edge_above_rad_) {
+        move_to_edge(state.edge_index + 1);
+        keep(edge_below_rad_, 1);
     }
-    while (a1 < edge_angle(state.edge_index) - params.hall_hysteresis_rad) {
-        keep(edge_angle(state.edge_index) - params.hall_hysteresis_rad, -1);
-        --state.edge_index;
+    while (a1 < edge_below_rad_ - params.hall_hysteresis_rad) {
+        keep(edge_below_rad_ - params.hall_hysteresis_rad, -1);
+        move_to_edge(state.edge_index - 1);
     }
 }
 

@@ -108,6 +108,8 @@ private:
            source_ohm_ = 0.0;
     double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0,
            step_s_ = 5e-6, coupling_nm_ = 0.0;
+    double damping_ = 0.0, load_damping_ = 0.0;           // of the bristles, constant over a period
+    double edge_below_rad_ = 0.0, edge_above_rad_ = 0.0;  // angles of the edges around the shaft's
     bool two_masses_ = false;
 
     void slow_states(double period_s);
@@ -128,6 +130,8 @@ private:
     void step_bus(double h, double bus_a);
     void find_edges(double t0, double h, double angle0);
     double edge_angle(long index) const;
+    // Sets state.edge_index and the angles of this edge and of the one above it.
+    void move_to_edge(long index);
     double hall_angle(double angle) const;
 };
 

@@ -41,7 +41,8 @@ def _step(one: Fit, sums: np.ndarray, whole: np.ndarray | None = None) -> np.nda
     all rows, which the local numbers of a fold take.
     """
     h, p = one.hypothesis, len(one.x)
-    normal = sums[:, :p] + np.diag(h.prior)
+    normal = sums[:, :p].copy()
+    normal.flat[:: p + 1] += h.prior
     gradient = sums[:, p] + h.prior * one.x
     low, high = h.low - one.x, h.high - one.x
     if whole is not None:
@@ -89,19 +90,20 @@ def bounded_step(
     bound most is fixed there (active set), until none does.
     """
     p = len(gradient)
-    ridge = normal + np.diag(RIDGE_SHARE * np.diag(normal) + RIDGE)
+    ridge = normal.copy()
+    ridge.flat[:: p + 1] += RIDGE_SHARE * np.diagonal(normal) + RIDGE
     step, free = -np.linalg.solve(ridge, gradient), np.ones(p, bool)
     if np.all((low <= step) & (step <= high)):
         return step
-    for _ in range(p + 1):
-        if not free.any():
-            break
-        rest = gradient[free] + ridge[np.ix_(free, ~free)] @ step[~free]
-        step[free] = -np.linalg.solve(ridge[np.ix_(free, free)], rest)
+    for _ in range(p):
         over = np.where(free, np.maximum(low - step, step - high), -1.0)
-        worst = int(np.argmax(over))
+        worst = int(over.argmax())
         if over[worst] <= BOUND_SLACK:
             break
         step[worst] = np.clip(step[worst], low[worst], high[worst])
         free[worst] = False
+        if not free.any():
+            break
+        rest = gradient[free] + ridge[np.ix_(free, ~free)] @ step[~free]
+        step[free] = -np.linalg.solve(ridge[np.ix_(free, free)], rest)
     return np.clip(step, low, high)

@@ -2,11 +2,13 @@
 and from it the standard deviation of each edge speed.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
 
+from vgroove.array_cache import cached_by_content
 from vgroove.gap.cleaning.sensor_noise import (
     MIN_SIGMA,
     UNIFORM_WIDTH_SIGMAS,
@@ -38,6 +40,7 @@ class JitterLimits:
 
 
 LIMITS = JitterLimits()
+KEPT_LOGS = 8  # results that are kept: speed channel and state observer need the same one
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Jitter:
     time_s: float = 0.0
 
 
+@cached_by_content(most=KEPT_LOGS)
 def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
     """Jitter of the edges from a log's edge periods alone.
 
@@ -72,13 +76,9 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
     rows = starts[:, None] + np.arange(size)
     motions = [0.0] if edges.expected_rpm is None else [0.0, edges.expected_rpm]
     places = [np.arange(len(edges.row)) % turn, edges.count % turn]
+    by_place = [_edge_variances(edges, rows, motions, place, rounding_rpm) for place in places]
     variance = min(
-        (
-            _edge_variance(edges, rows, motion, place, rounding_rpm)
-            for motion in motions
-            for place in places
-        ),
-        key=np.median,
+        (v for of_motion in zip(*by_place, strict=True) for v in of_motion), key=np.median
     )
     return _split_jitter(variance, ((edges.speed_rpm * RAD_S_PER_RPM)[rows].mean(axis=1)) ** 2)
 
@@ -93,15 +93,15 @@ def _scatter_of_few_edges(edges: EdgePeriods, pitch_rad: float) -> float:
     return float(np.nan_to_num(np.median(scatter)))
 
 
-def _edge_variance(
+def _edge_variances(
     edges: EdgePeriods,
     rows: np.ndarray,
-    motion_rpm: np.ndarray | float,
+    motions_rpm: Sequence[np.ndarray | float],
     place: np.ndarray,
     rounding_rpm: float,
-) -> np.ndarray:
-    """Variance (m,) of an edge's angle, rad^2, in windows of rows (m, size), after subtracting the
-    known motion (n,); place (n,): number of each edge in the turn.
+) -> list[np.ndarray]:
+    """Variance (m,) of an edge's angle, rad^2, in windows of rows (m, size), after subtracting each
+    of the known motions (n,); place (n,): number of each edge in the turn.
     """
     period, middle = edges.end_s - edges.start_s, 0.5 * (edges.start_s + edges.end_s)
     mean_period, size = period[rows].mean(axis=1), rows.shape[1]
@@ -117,12 +117,15 @@ def _edge_variance(
     # 2(6), 1946)
     freedom = power**2 / np.sum(covariance**2, axis=(1, 2))
     median_share = chdtri(freedom, 0.5) / freedom  # its median lies below its mean
-    angle = ((edges.speed_rpm - motion_rpm) * RAD_S_PER_RPM)[rows] * mean_period[:, None]
-    square = np.sum(np.einsum("mi,mij->mj", angle, projection) ** 2, axis=1)
     rounding = (
         np.trace(projection, axis1=1, axis2=2) * (rounding_rpm * RAD_S_PER_RPM * mean_period) ** 2
     )
-    return (square / median_share - rounding) / power
+    found = []
+    for motion_rpm in motions_rpm:
+        angle = ((edges.speed_rpm - motion_rpm) * RAD_S_PER_RPM)[rows] * mean_period[:, None]
+        square = np.sum(np.einsum("mi,mij->mj", angle, projection) ** 2, axis=1)
+        found.append((square / median_share - rounding) / power)
+    return found
 
 
 def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:

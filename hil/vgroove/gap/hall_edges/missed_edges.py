@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy  # its parts load when they are first used
 
+from vgroove.array_cache import cached_by_content
 from vgroove.gap.hall_edges.edge_periods import EdgePeriods
 
 MAX_PITCHES = 5  # most pitches that one period may hold
+PORTION_PERIODS = 1000  # periods whose costs are computed together: bounds the memory
+KEPT_PARTS = 64  # results that are kept: speed channel and state observer need the same one
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ def estimate_missed_edges(edges: EdgePeriods) -> np.ndarray:
     return missed if edges.missed is None else np.maximum(missed, edges.missed)
 
 
+@cached_by_content(most=KEPT_PARTS)
 def most_likely_pitches(level: np.ndarray) -> np.ndarray:
     """Number of pitches (m,) in each period that gives the smoothest speed; level: log(speed) (m,).
 
@@ -59,22 +63,31 @@ def most_likely_pitches(level: np.ndarray) -> np.ndarray:
     step = np.log(np.arange(1, MAX_PITCHES + 1))
     price = LIMITS.edge_cost * np.arange(MAX_PITCHES)
     cost, back = price[:, None] + price[None, :], []
-    for i in range(2, len(level)):
-        # axes: pitches of i - 2, of i - 1, of i
-        bend = (
-            (level[i] + step)[None, None, :]
-            - 2.0 * (level[i - 1] + step)[None, :, None]
-            + (level[i - 2] + step)[:, None, None]
-        )
-        bend_cost = np.minimum((bend / LIMITS.bend_sigma) ** 2, LIMITS.max_bend_cost)
-        total = cost[:, :, None] + bend_cost + price
-        back.append(np.argmin(total, axis=0))
-        cost = total.min(axis=0)
+    corrected = level[:, None] + step
+    for first in range(2, len(level), PORTION_PERIODS):
+        for bend_cost in _bend_costs(corrected[first - 2 : first + PORTION_PERIODS]):
+            total = cost[:, :, None] + bend_cost + price
+            back.append(total.argmin(axis=0))
+            cost = total.min(axis=0)
     one, two = np.unravel_index(int(np.argmin(cost)), cost.shape)
     found = [two, one]
     for choice in back[::-1]:
         found.append(choice[found[-1], found[-2]])
-    return np.array(found[::-1]) + 1
+    pitches = np.array(found[::-1]) + 1
+    pitches.flags.writeable = False
+    return pitches
+
+
+def _bend_costs(corrected: np.ndarray) -> np.ndarray:
+    """Cost (m - 2, pitches of i - 2, of i - 1, of i) of the second differences of the corrected
+    levels (m, pitches).
+    """
+    bend = (
+        corrected[2:, None, None, :]
+        - 2.0 * corrected[1:-1, None, :, None]
+        + corrected[:-2, :, None, None]
+    )
+    return np.minimum((bend / LIMITS.bend_sigma) ** 2, LIMITS.max_bend_cost)
 
 
 def consistent_missed_edges(level: np.ndarray, count: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove import _core
+from vgroove.array_cache import cached_by_content
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
 from vgroove.gap.hall_edges.missed_edge_rows import read_edges_with_missed
 from vgroove.gap.hall_edges.scale import edge_scale
@@ -32,6 +33,7 @@ FILTERED_TEST = FilteredSpeedTest()
 # difference in rad between the nominal model and the count at the first edge; above it the angle of
 # the nominal model is not used
 MAX_START_ERROR_RAD = TURN_RAD
+KEPT_LOGS = 8  # logs whose edge periods are kept: bounds the memory
 
 
 def read_edge_periods(log: CleanLog) -> EdgePeriods | None:
@@ -57,15 +59,31 @@ def _read_scaled(log: CleanLog) -> EdgePeriods:
     time_s, speed_rpm, pulses = log.time_s, log.columns["speed_rpm"], log.pulses_per_rev
     lsb_rpm = log.rig.sensors.get("speed_lsb_rpm", 0.0)
     gaps = int(np.count_nonzero(np.diff(log.thinned.astype(int)) == 1))
+    found = _scaled_periods(time_s, speed_rpm, pulses, lsb_rpm, gaps)
+    if found.scale != 1.0:
+        log.warn(
+            "the edge periods behind speed_rpm are consecutive on these time stamps only if the "
+            f"speeds are wrong by {100.0 * (found.scale - 1.0):+.3g} %: a wrong gain of the "
+            "sensor, or a wrong clock"
+        )
+    return found
+
+
+@cached_by_content(most=KEPT_LOGS)
+def _scaled_periods(
+    time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, gaps: int
+) -> EdgePeriods:
+    """Edge periods of a speed column (n,) and its scale; `gaps`: see edge_scale. They depend on the
+    log alone, which a diagnosis loads with several rigs.
+    """
     scale = edge_scale(time_s, speed_rpm, pulses, lsb_rpm, gaps)
     found = read_edges_with_missed(time_s, speed_rpm / scale, pulses, lsb_rpm)
-    if scale == 1.0:
-        return found
-    log.warn(
-        "the edge periods behind speed_rpm are consecutive on these time stamps only if the speeds "
-        f"are wrong by {100.0 * (scale - 1.0):+.3g} %: a wrong gain of the sensor, or a wrong clock"
-    )
-    return replace(found, speed_rpm=found.speed_rpm * scale, scale=scale)
+    if scale != 1.0:
+        found = replace(found, speed_rpm=found.speed_rpm * scale, scale=scale)
+    for array in vars(found).values():
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False
+    return found
 
 
 def nominal_motion(plant_input: _core.LogInput, rig: Rig) -> Simulation:

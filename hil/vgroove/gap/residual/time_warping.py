@@ -36,8 +36,11 @@ def _metric() -> type:
 
 def aligned(x: np.ndarray, y: np.ndarray, window_size: float) -> tuple[np.ndarray, np.ndarray]:
     """Both curves (k,) along their warping path, as ISO18571._compute_magnitude gives them;
-    window_size: width of the Sakoe-Chiba band as a share of the curves' length.
+    window_size: width of the Sakoe-Chiba band as a share of the curves' length. Curves with values
+    that are not finite are left as they are: their rating is nan.
     """
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        return x, y
     path = warping_path(x, y, int(np.ceil(window_size * len(x))) - 1)
     return x[path[:, 0]], y[path[:, 1]]
 
@@ -48,21 +51,22 @@ def warping_path(x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
     """
     n = len(x)
     step = np.zeros((2 * n - 1, n), np.int8)
-    before, last = np.full(n + 1, np.inf), np.full(n + 1, np.inf)
+    backwards = y[::-1]
+    before, last, total = (np.full(n + 1, np.inf) for _ in range(3))
     for k in range(2 * n - 1):
-        low, high = max(0, k - n + 1, -((reach - k) // 2)), min(k, n - 1, (k + reach) // 2)
-        i = np.arange(low, high + 1)
-        total = np.full(n + 1, np.inf)
-        cost = (x[i] - y[k - i]) ** 2
+        low, high = max(0, k - n + 1, -((reach - k) // 2)), min(k, n - 1, (k + reach) // 2) + 1
+        cost = (x[low:high] - backwards[n - 1 - k + low : n - 1 - k + high]) ** 2
+        total.fill(np.inf)
         if k == 0:
             total[1] = cost[0]
         else:
             # from (i-1, j), (i, j-1), (i-1, j-1); index 0 is outside
-            ways = np.stack([last[i], last[i + 1], before[i]])
-            best = np.argmin(ways, axis=0)
-            step[k, i] = best
-            total[i + 1] = cost + ways[best, np.arange(len(i))]
-        before, last = last, total
+            ways = last[low:high], last[low + 1 : high + 1], before[low:high]
+            least = np.minimum(ways[0], ways[1])
+            step[k, low:high] = ways[1] < ways[0]
+            step[k, low:high][ways[2] < least] = 2
+            np.add(cost, np.minimum(least, ways[2]), out=total[low + 1 : high + 1])
+        before, last, total = last, total, before
     return _backtrack(step, n)
 
 
