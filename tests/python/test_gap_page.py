@@ -158,6 +158,11 @@ def test_the_sentence_of_each_verdict_names_what_it_names(found: dict[str, Verdi
         assert summary_lines(verdict)[0] == sentence[kind]
 
 
+def test_an_unlisted_gap_below_the_floor_is_called_no_real_gap(found: dict[str, Verdict]) -> None:
+    small = replace(found["unlisted"], gap=replace(found["unlisted"].gap, retuned=0.92))
+    assert verdict_sentence(small).startswith("A pattern below the noise floor that no effect")
+
+
 def test_a_verdict_whose_rival_is_a_part_of_it_says_so(found: dict[str, Verdict]) -> None:
     alone = replace(found["ambiguous"], indistinguishable=[])
     assert "but a part of them would predict" in verdict_sentence(alone)

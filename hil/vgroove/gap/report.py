@@ -23,7 +23,8 @@ def verdict_sentence(verdict: Verdict) -> str:
     if verdict.verdict == "unlisted":
         left = verdict.unexplained.best_correlate
         follows = f"; what remains follows {left}" if left else ""
-        return f"A real gap that no effect of the catalogue closes: {figures}{follows}."
+        what = "A real gap" if gap.retuned > gap.floor else "A pattern below the noise floor"
+        return f"{what} that no effect of the catalogue closes: {figures}{follows}."
     if verdict.verdict == "ambiguous":
         others = " or ".join(rivals_in_words(verdict))
         return f"Most likely {names}, but {others} would predict these logs as well: {figures}."
