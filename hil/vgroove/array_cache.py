@@ -1,5 +1,5 @@
-"""A cache of functions of arrays: one log is read once, although a diagnosis loads it several times
-(nominal and corrected rig, each whitening).
+"""Keeps the last results of functions whose arguments are arrays. A diagnosis loads the same log
+several times (nominal rig, corrected rig, each whitening), and computes its edge periods once.
 """
 
 from collections import OrderedDict

@@ -455,8 +455,9 @@ def _sim_logs(
     options: "DiagnosisOptions",
     restart_s: float | None,
 ) -> "tuple[dict[str, Any], Callable[[], Log], Table]":
-    """The gap of a tool, its rig and the joints of its logs, to logs: its figures, what simulates
-    the rows of the one log, and the table to print.
+    """The gap between a tool (its rig, and the files with the joints of the logs) and logs: the
+    figures, a function that returns the simulated rows where there is one log, and the table to
+    print.
     """
     from vgroove.gap.simulate import compute_gap, gap_table, simulated_log
     from vgroove.gap.stages import read_logs

@@ -32,7 +32,8 @@ def parameter(name: str) -> telemetry.Parameter:
 
 
 def eeprom_image(params: Mapping[str, float]) -> bytes:
-    """An EEPROM whose first slot holds the defaults and these parameters, in their physical units.
+    """The bytes of an EEPROM whose first parameter slot holds the default values, except for those
+    given in `params`, by name and in their physical units.
 
     Raises AbsentError for an unknown parameter, VgrooveError for a value outside its range.
     """

@@ -137,8 +137,8 @@ def stop_currents(joints: Sequence[np.ndarray], first_nm: int, last_nm: int) -> 
 def raised_points(
     run: Run, level_v: float, first_nm: int, last_nm: int
 ) -> list[tuple[float, float]]:
-    """(torque in N m, current in A) of each tick while the torque passes first_nm..last_nm, with 3
-    and 4 N m more at the ends, for at most 9 s from rest.
+    """Pairs (torque in N m, current in A), one for each control tick in which the torque lies
+    between first_nm - 3 and last_nm + 4, at most until 9 s after the start from rest.
     """
     points = []
     while run.torque_nm < last_nm + 4 and run.tool.time_s < 9.0:

@@ -134,8 +134,9 @@ def first_departure(log: Log, rig: Rig, assumed: AssumedFirmware) -> Departure |
 
 
 def simulated_runs(log: Log, rig: Rig, assumed: AssumedFirmware) -> list[Rows]:
-    """Telemetry of RUNS runs of the assumed firmware on a rig, with the trigger of a log: as much
-    earlier than logged as is likeliest, and a row more and less.
+    """Telemetry of RUNS simulated runs of the assumed firmware with the tool of a rig. The trigger
+    is that of the log, moved to an earlier time: by the likeliest number of rows, by one row less,
+    and by one row more.
     """
     if "hall_pulses_per_rev" not in rig.sensors:
         rig = rig.with_values({"sensors.hall_pulses_per_rev": assumed.raw("hall_pulses")})

@@ -39,7 +39,9 @@ class Parting:
 def replay(
     assumed: AssumedFirmware, rows: np.ndarray, attempts: tuple[tuple[int, int], ...] = ATTEMPTS
 ) -> Parting:
-    """The longest replay of rows (vgroove.firmware_replay.rows) with an assumed firmware."""
+    """Replay an assumed firmware on rows (vgroove.firmware_replay.rows) with the limits of each
+    attempt; of the replays the one that reproduces most rows.
+    """
     image, pulses, best = assumed.image(), assumed.raw("hall_pulses"), None
     for most, spread in attempts:
         found = Parting(*_replay.replay(image, rows, most, spread, pulses))

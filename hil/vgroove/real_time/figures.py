@@ -110,8 +110,8 @@ def timing_rows(exchanges: Sequence[Exchange], clock: dict[str, float]) -> list[
 
 
 def clock_sentence(clock: dict[str, float]) -> str:
-    """The drift of the board's clock in ppm, or its rate where no oscillator drifts that much (a
-    simulated board with --pace).
+    """The drift of the board's clock against the host's in ppm; where it exceeds that of any
+    oscillator, as with a simulated board and --pace, the rate of the board's clock instead.
     """
     residual = f"{1e3 * clock['residual_s']:.3f} ms about the line"
     if abs(clock["drift"]) > MAX_DRIFT:

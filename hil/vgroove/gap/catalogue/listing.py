@@ -57,7 +57,7 @@ def markdown_table() -> str:
 
 
 def list_lines() -> list[str]:
-    """All effects by subsystem, each with its equation; last the symbols of the equations."""
+    """All effects by subsystem, each with its equation, and then the symbols of the equations."""
     width = max(len(effect.id) for effect in CATALOGUE)
     lines = []
     for subsystem in SUBSYSTEMS:

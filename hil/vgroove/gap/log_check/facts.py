@@ -1,4 +1,4 @@
-"""Facts of a log: rows, rate, missing rows, and range and sign of each column."""
+"""What a log contains: number and rate of its rows, missing rows, range and sign of each column."""
 
 from dataclasses import dataclass
 

@@ -13,6 +13,7 @@ from vgroove.gap.hall_edges.missed_edge_rows import read_edges_with_missed
 from vgroove.gap.hall_edges.scale import edge_scale
 from vgroove.gap.residual.channels import InterpolationPoints, Simulation
 from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.state_observer import StateObserver
 from vgroove.rig import Rig
 from vgroove.units import RPM_PER_RAD_S, TURN_RAD
@@ -80,9 +81,7 @@ def _scaled_periods(
     found = read_edges_with_missed(time_s, speed_rpm / scale, pulses, lsb_rpm)
     if scale != 1.0:
         found = replace(found, speed_rpm=found.speed_rpm * scale, scale=scale)
-    for array in vars(found).values():
-        if isinstance(array, np.ndarray):
-            array.flags.writeable = False
+    freeze_arrays(found)
     return found
 
 

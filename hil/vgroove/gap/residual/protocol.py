@@ -58,8 +58,8 @@ class MeasuredProblem(Protocol):
 
     @property
     def difference_factor(self) -> float:
-        """Factor of the steps of finite differences: above 1 where the model amplifies small
-        changes.
+        """Factor by which the steps of finite differences are multiplied: above 1 for a model that
+        amplifies small changes of its parameters, as impacts do.
         """
         ...
 

@@ -18,9 +18,9 @@ from vgroove.gap.verdict.consistency import further_gain
 
 @dataclass(frozen=True)
 class OtherPeriods:
-    """Which other numbers of periods are tried in place of a member's own, and how much one of them
-    may gain if the member is to be established. Chosen on tuning cases of the blind set and on
-    measured logs (docs/gap_bench.md).
+    """The comparison of a periodic effect with torques of other numbers of periods in its place:
+    which numbers are tried, and the largest gain that one of them may have if the effect is to be
+    established. Chosen on tuning cases of the blind set and on measured logs (docs/gap_bench.md).
     """
 
     count: int = 12  # of more and of fewer periods each, in equal ratios

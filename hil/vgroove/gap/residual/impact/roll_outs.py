@@ -30,8 +30,7 @@ def simulate_statistics(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
 
 def run_up_means(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
     """Statistics (B, m) of the run-up alone for parameter sets (B, P)."""
-    means = run.run_up.means(model_columns(run, simulate(run, theta, run.early)))
-    return means.reshape(len(theta), -1)
+    return _span_means(run, run.all_spans, theta)
 
 
 def run_up_residuals(run: ImpactRun, theta: np.ndarray) -> np.ndarray:
@@ -43,8 +42,14 @@ def span_residuals(run: ImpactRun, spans: FirstSpans, theta: np.ndarray) -> np.n
     """Residuals (B, m) of the judged statistics of the first spans of the run-up for parameter sets
     (B, P).
     """
+    means = _span_means(run, spans, theta)[:, spans.judged]
+    return (spans.measured - means) / spans.sigma
+
+
+def _span_means(run: ImpactRun, spans: FirstSpans, theta: np.ndarray) -> np.ndarray:
+    """Statistics (B, m) of the first spans of the run-up for parameter sets (B, P)."""
     means = spans.run_up.means(model_columns(run, simulate(run, theta, spans.early)))
-    return (spans.measured - means.reshape(len(theta), -1)[:, spans.judged]) / spans.sigma
+    return means.reshape(len(theta), -1)
 
 
 def clipped_cost(run: ImpactRun, statistics: np.ndarray) -> np.ndarray:

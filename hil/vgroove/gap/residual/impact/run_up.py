@@ -50,7 +50,7 @@ class RunUp:
         return int(self.first[-1]) + self.rows if len(self.first) else 0
 
     def first_spans(self, count: int) -> "RunUp":
-        """The first spans alone."""
+        """The run-up with its first `count` spans only."""
         return replace(self, first=self.first[:count])
 
     def means(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -251,7 +251,7 @@ def _nearest_minimum(
     (B, P): of start_rad (B,) and those after each of STARTS.rounds Gauss-Newton steps from there
     with the slopes at start_rad, of at most longest_rad (B,).
     """
-    spans = run.all_spans
+    spans = run.search.stages[-1]
     at = _SlopedStart.of(run, spans, theta, start_rad)
     angles, losses = [start_rad], [_huber(at.residual)]
     for _ in range(STARTS.rounds):

@@ -30,7 +30,9 @@ def refuse_begun_hammering(
 
 
 def warn_of_sparse(log: CleanLog, names: Iterable[str], incomplete: np.ndarray) -> None:
-    """Warn of a judged column of whose windows (S, W) most lack samples."""
+    """Warn of each judged column in which more than half of the windows lack samples. names: of the
+    S columns; incomplete (S, W): whether each window of each column lacks samples.
+    """
     for name, windows in zip(names, incomplete, strict=True):
         if 2 * np.count_nonzero(windows) > len(windows):
             log.warn(
