@@ -1,10 +1,16 @@
-"""The overviews name what the tree holds: modules of the package, folders of the tests."""
+"""The overviews name what the tree holds: modules of the package, folders of the tests, commands
+and their options.
+"""
 
 import re
 from collections.abc import Iterable
 
+import command_options
 import pytest
 import rules
+import typer.main
+
+from vgroove.cli import app
 
 UNNAMED = ("__init__", "__main__", "__pycache__")
 
@@ -46,6 +52,26 @@ def test_the_readme_names_every_folder_of_the_tests() -> None:
     )
     folders = {name for name in children("tests") if (rules.ROOT / "tests" / name).is_dir()}
     assert not_named(folders, row) == []
+
+
+def test_the_page_of_options_is_that_of_the_commands() -> None:
+    written = (rules.ROOT / command_options.PAGE).read_text(encoding="utf-8")
+    assert written == command_options.page(), "python tests/lint/command_options.py writes it"
+
+
+def test_the_overview_of_the_commands_names_every_command() -> None:
+    page = (rules.ROOT / "docs/commands.md").read_text(encoding="utf-8")
+    # `vgroove study supply|steps` stands for two commands
+    named = {
+        f"{head}{last}"
+        for found in re.findall(r"`(vgroove [^`]*)`", page)
+        for head, tail in [
+            re.match(r"((?:vgroove|gap|log|rig|bench|study| )*)(\S*)", found).groups()
+        ]
+        for last in tail.replace("\\|", "|").split("|")
+    }
+    commands = command_options.commands(typer.main.get_command(app), "vgroove")
+    assert {name for name, _ in commands} - named == set()
 
 
 @pytest.mark.parametrize(("text", "found"), [("`sil`, `board`", []), ("sil, `board`", ["sil"])])

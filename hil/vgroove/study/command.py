@@ -119,16 +119,17 @@ def check_steps(only: str, tolerance: float) -> None:
 def supply_command(
     rig: ImpactRig = None,
     low_v: Annotated[
-        float, typer.Option("--from", min=1.0, max=1000.0, help="Lowest supply voltage.")
+        float, typer.Option("--from", min=1.0, max=1000.0, help="Lowest supply voltage in V.")
     ] = 14.0,
     high_v: Annotated[
-        float, typer.Option("--to", min=1.0, max=1000.0, help="Highest supply voltage.")
+        float, typer.Option("--to", min=1.0, max=1000.0, help="Highest supply voltage in V.")
     ] = 21.0,
     step_v: Annotated[
-        float, typer.Option("--step", min=0.001, help="Interval between voltages.")
+        float, typer.Option("--step", min=0.001, help="Interval between voltages in V.")
     ] = 0.5,
     seconds: Annotated[
-        float, typer.Option(min=0.8, max=60.0, help="Length of each run; figures from 0.5 s on.")
+        float,
+        typer.Option(min=0.8, max=60.0, help="Length of each run in s; figures from 0.5 s on."),
     ] = 1.5,
     duty: Duty = 1.0,
     folder: Folder = Path("study"),
@@ -159,7 +160,9 @@ def supply_command(
 @app.command("load")
 def load_command(
     rig: ImpactRig = None,
-    seconds: Annotated[float, typer.Option(min=0.3, max=20.0, help="Length of each run.")] = 1.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.3, max=20.0, help="Length of each run in s.")
+    ] = 1.0,
     folder: Folder = Path("study"),
     json_path: JsonPath = None,
     png: Png = False,
@@ -191,7 +194,9 @@ def impact_command(
     ] = "locked",
     seconds: Annotated[
         float,
-        typer.Option(min=0.1, max=20.0, help="Length of the run; its last whole cycle is shown."),
+        typer.Option(
+            min=0.1, max=20.0, help="Length of the run in s; its last whole cycle is shown."
+        ),
     ] = 1.0,
     duty: Duty = 1.0,
     folder: Folder = Path("study"),
@@ -256,7 +261,9 @@ def hil_command(
     ] = "both",
     pace: Annotated[
         float,
-        typer.Option(min=0.01, max=1.0, help="Of a simulated board: its seconds in a real one."),
+        typer.Option(
+            min=0.01, max=1.0, help="Speed of a simulated board's clock; 0.5: half of real time."
+        ),
     ] = 1.0,
     seconds: Annotated[
         float | None, typer.Option(min=0.5, max=600.0, help="Length of each run in s.")
