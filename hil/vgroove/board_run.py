@@ -68,11 +68,6 @@ def run_on_board(
     Raises VgrooveError as `record` does, or with the reason why the run ended early or a diagnosis
     would refuse the log, and KeyboardInterrupt on Ctrl-C; the rows recorded until then are kept.
     """
-    if options != RunOptions(options.on, output=options.output):
-        raise VgrooveError(
-            "--target, --elf, --pty, --real-time, --stats and --eeprom belong to --on sil and "
-            "--on avr"
-        )
     if options.output is None:
         raise VgrooveError("a run on a board is recorded: name the log file with -o LOG")
     console = Console(stderr=True)

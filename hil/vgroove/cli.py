@@ -24,6 +24,7 @@ from vgroove.python_can import import_without_asammdf
 from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning, result_console
 from vgroove.termination import Terminated
+from vgroove.unused_options import refuse_given
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -226,8 +227,28 @@ def record(
     record_with_progress(Recording(port, output, baud, seconds, without_boot), plot)
 
 
+# Parameters of `run` that one kind of run alone has.
+SIMULATED_RUN = (
+    "seed",
+    "target",
+    "elf",
+    "pty",
+    "wait",
+    "real_time",
+    "stats",
+    "eeprom",
+    "fault",
+)
+SCENARIO_OR_RUN = (
+    "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME or "
+    "--next VERDICT.json"
+)
+BOARD_RUN = ("experiment", "next_path", "rig", "logs", "baud")
+
+
 @app.command()
 def run(
+    context: typer.Context,
     scenario_path: Annotated[
         Path | None,
         typer.Argument(metavar="[SCENARIO]", help="TOML file: tool, trigger, load, duration."),
@@ -277,15 +298,17 @@ def run(
     injection = parse_injection(fault) if fault else None
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom, injection)
     if scenario_path is None and on not in ("sil", "avr"):
-        if seed is not None:
-            raise VgrooveError("--seed is of a run of a SCENARIO; a run on a board has none")
+        none = "a run on a board has none of these, they belong to --on sil and --on avr"
+        refuse_given(context, SIMULATED_RUN, none)
         _perform_run(options, (experiment, next_path), baud, (rig, logs or ()))
         return
-    if scenario_path is None or experiment or next_path or rig or logs:
-        raise VgrooveError(
-            "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME "
-            "or --next VERDICT.json, with --rig and --log"
-        )
+    refuse_given(context, BOARD_RUN, f"{SCENARIO_OR_RUN}, with --rig, --log and --baud")
+    if scenario_path is None:
+        raise VgrooveError(SCENARIO_OR_RUN)
+    if on == "sil":
+        refuse_given(context, ("target", "elf", "stats"), "only a run with --on avr has this")
+    if not pty:
+        refuse_given(context, ("wait",), "only a run with --pty waits for a program")
     _run_scenario(scenario_path, seed, options)
 
 
@@ -315,6 +338,7 @@ def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:
 
 @app.command()
 def hil(
+    context: typer.Context,
     scenario_path: Annotated[
         Path, typer.Argument(metavar="SCENARIO", help="TOML file: tool, trigger, load, duration.")
     ],
@@ -353,6 +377,8 @@ def hil(
     from vgroove.real_time.command import HilOptions, run_hil
     from vgroove.scenario import read_scenario
 
+    if bus is not None and port is None:
+        refuse_given(context, ("baud",), "the rate of a bus is that of its interface")
     scenario = read_scenario(scenario_path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
     options = HilOptions(port, bus, baud, output, json_path, timing, kernel_workers)
@@ -377,8 +403,12 @@ def flash(
     flash_board(port, target, image, tool, lambda line: print_line(Console(stderr=True), line))
 
 
+WITH_LOG = ("restart_s", "from_s", "to_s", "as_is", "maps", "map_file")
+
+
 @app.command()
 def sim(
+    context: typer.Context,
     path: Annotated[
         Path,
         typer.Argument(
@@ -428,25 +458,16 @@ def sim(
     _check_outputs(json_path, output, inputs=[path, *tool[1], *(log or [])])
     out = result_console(json_path, output)
     if log:
-        if seconds is not None:
-            raise VgrooveError("--seconds is of a run without --log; use --from and --to with it")
+        refuse_given(context, ("seconds",), "only a run without --log has this; use --from, --to")
         columns = _columns(maps, map_file)
         options = DiagnosisOptions(from_s=from_s, to_s=to_s, as_is=as_is, columns=columns)
         figures, simulated, table = _sim_logs(tool, log, options, restart_s)
     else:
-        given = {"--restart-s": restart_s, "--from": from_s, "--to": to_s, "--map-file": map_file}
-        _refuse_without_log({**given, "--map": maps or None, "--as-is": as_is or None})
+        refuse_given(context, WITH_LOG, "only a run with --log has this option")
         figures, simulated, table = _sim_scenario(tool, seconds)
     files = [(json_path, json_text(figures, allow_nan=True))] if json_path else []
     write_all(files + ([(output, csv_bytes(simulated()))] if output else []))
     out.print(table)
-
-
-def _refuse_without_log(given: dict[str, Any]) -> None:
-    """VgrooveError for an option of a run with --log; given: value by option, None where absent."""
-    names = [name for name, value in given.items() if value is not None]
-    if names:
-        raise VgrooveError(f"{', '.join(names)}: only a run with --log has this option")
 
 
 def _sim_logs(

@@ -34,7 +34,8 @@ def spelling(parameter: Any) -> str:
     if parameter.param_type_name == "argument":
         name = (parameter.metavar or parameter.name).strip("[]{}").upper()
         return f"`{name}`".replace("|", r"\|")
-    names = [f"`{name}`" for name in parameter.opts]
+    value = f" {parameter.metavar}" if parameter.metavar else ""
+    names = [f"`{name}{value}`" for name in parameter.opts]
     return ", ".join(names) + "".join(f" / `{name}`" for name in parameter.secondary_opts)
 
 

@@ -6,12 +6,15 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from vgroove.unused_options import refuse_given
+
 app = typer.Typer()  # its command is one of `vgroove`
 IMAGES = (".hex", ".elf")
 
 
 @app.command("adapt")
 def adapt_command(
+    context: typer.Context,
     rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig of the tool: an impact driver.")],
     output: Annotated[
         Path | None,
@@ -48,25 +51,27 @@ def adapt_command(
     from vgroove.rig import read_rig
     from vgroove.terminal import print_line, print_results, table_console
 
+    if not port:
+        refuse_given(context, ("baud",), "the rate of --port, which is not given")
     check_outputs((output, json_path), (rig,))
     _check_image(output, target)
-    tool, elf = read_rig(rig), default_elf(target)
+    if not output:
+        refuse_given(context, ("target",), "the board of -o, which is not given")
+    tool = read_rig(rig)
     if port:
         check_board(port, baud)
     with share_bar("torque map") as bar:
         found = adapt(tool, bar.move_to)
-    compared = []
-    if drives:
-        with step_bar(2 * drives, "drives on the plant") as tick:
-            compared = check(tool, found, drives, tick)
-    files: list[tuple[Path, bytes | str]] = []
-    if json_path:
-        files.append((json_path, json_text({**found.as_dict(), "check": compared})))
+    with step_bar(2 * drives, "drives on the plant") as tick:
+        compared = check(tool, found, drives, tick) if drives else []
+    figures = json_text({**found.as_dict(), "check": compared})
+    files: list[tuple[Path, bytes | str]] = [(json_path, figures)] if json_path else []
     if output:
-        files.append((output, adapted_image(elf, found.flash_bytes, output.suffix[1:])))
+        image = adapted_image(default_elf(target), found.flash_bytes, output.suffix[1:])
+        files.append((output, image))
     write_all(files)
-    console = table_console(output, json_path)
-    print_results(console, [found.sentence], adapt_tables(found, compared))
+    tables = adapt_tables(found, compared)
+    print_results(table_console(output, json_path), [found.sentence], tables)
     if port:
         write_parameters(port, found.parameters, baud)
         print_line(Console(stderr=True), f"{len(found.parameters)} parameters written to {port}.")
