@@ -839,6 +839,15 @@ def test_a_member_whose_size_may_be_none_is_not_named(
     assert (found.verdict, found.best.ids) == (verdict, tuple(named))
 
 
+@pytest.mark.parametrize(("retuned", "verdict"), [(1.04, "none"), (1.4, "unlisted")])
+def test_a_set_of_unknown_sizes_below_the_noise_is_no_gap(
+    retuned: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, best = Scored(retuned, retuned, 0.9), named_gap(0.9, 1)
+    with_unknown_sizes(monkeypatch, "a", 0.9)
+    assert decision.with_known_sizes(selected(state, best), structure(False), {}).verdict == verdict
+
+
 @pytest.mark.parametrize(
     ("leaner", "fuller", "closes"),
     [

@@ -276,8 +276,8 @@ def without_established(
 
 def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Covariates) -> Finding:
     """The verdict that names the members of a set whose sizes are known, without asking whether
-    they are established. Unlisted where none is known, or where the others close too little or end
-    far from the noise.
+    they are established. Where none is known, or where the others close too little or end far from
+    the noise: unlisted, or none where the retuned model leaves no visible gap.
     """
     search, best = selection.search, selection.best
     known = known_members(search, best)
@@ -285,7 +285,8 @@ def with_known_sizes(selection: Selection, remainder: Remainder, covariates: Cov
     if known is best and is_known:
         return named(search, best, selection.rivals, remainder)
     if not is_known or is_doubtful(search, known) or not is_limited_by_noise(search, known):
-        return Finding("unlisted", best, [], remainder)
+        verdict = "unlisted" if leaves_visible_gap(search, search.retuned) else "none"
+        return Finding(verdict, best, [], remainder)
     left = remaining(search, known, covariates)
     return named(search, known, tied_rivals(search, known), left)
 
