@@ -299,9 +299,19 @@ def legend_per_panel(figure: "go.Figure") -> "go.Figure":
     return figure
 
 
+def _extremes(values: np.ndarray) -> set[int]:
+    """Indices of the minimum and the maximum of values (n,), and of the first NaN."""
+    missing = np.isnan(values)
+    found = {int(np.argmax(missing))} if missing.any() else set()
+    if missing.all():
+        return found
+    return found | {int(np.nanargmin(values)), int(np.nanargmax(values))}
+
+
 def thin(time: np.ndarray, *columns: np.ndarray, points: int = 3000) -> list[np.ndarray]:
     """Reduce `time` and columns (n,) to about `points` samples for a plot (min-max decimation): of
-    every interval the samples at which a column has its minimum and maximum are kept.
+    every interval the samples at which a column has its minimum and maximum are kept, and of a
+    column with missing samples (NaN) one of these.
     """
     count = len(time)
     if count <= points:
@@ -310,6 +320,6 @@ def thin(time: np.ndarray, *columns: np.ndarray, points: int = 3000) -> list[np.
     keep = {0, count - 1}
     for low, high in zip(edges[:-1], edges[1:], strict=True):
         for column in columns:
-            keep |= {low + int(np.argmin(column[low:high])), low + int(np.argmax(column[low:high]))}
+            keep |= {low + k for k in _extremes(column[low:high])}
     at = np.array(sorted(keep))
     return [time[at], *(column[at] for column in columns)]

@@ -14,6 +14,8 @@ import pytest
 from vgroove.errors import VgrooveError
 from vgroove.log import Log, write_csv
 from vgroove.log_compare import LIMITS, Comparison, compare_logs
+from vgroove.log_compare.command import meets
+from vgroove.log_compare.report import first_sentence
 from warm_cli import warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -80,14 +82,88 @@ def test_an_output_that_differs_at_equal_inputs_is_the_boards() -> None:
     assert found.first.columns == ("duty",)
 
 
-def test_an_input_and_an_output_that_differ_in_one_row_name_the_input_first() -> None:
+@pytest.mark.parametrize(
+    ("output", "first", "cause"),
+    [
+        ("duty", "duty", "output"),  # a row's duty acted during it: its inputs came too late
+        ("state", "current_a", "input"),
+    ],
+)
+def test_the_cause_where_an_input_and_an_output_differ_in_one_row(
+    output: str, first: str, cause: str
+) -> None:
     other = log_of(board_times())
-    other.columns["duty"][800] += 0.2
+    other.columns[output][800] += 0.2
     other.columns["current_a"][800] += LSB["current_a"]
     found = compare_logs(log_of(board_times()), other)
-    assert found.first.columns == ("current_a", "duty")
-    assert found.first.kind == "quantisation"
-    assert found.cause == "input"
+    assert set(found.first.columns) == {"current_a", output}
+    assert (found.first.columns[0], found.cause) == (first, cause)
+
+
+def noise_log(seed: int, rows: int, scale: float = 1.0) -> Log:
+    """A log of independent random numbers in its continuous columns."""
+    one, rng = log_of(board_times()), np.random.default_rng(seed)
+    columns = {n: one[n][:rows].copy() for n in ("duty", "current_a", "speed_rpm")}
+    for name in ("current_a", "speed_rpm"):
+        columns[name] = scale * rng.standard_normal(rows)
+    return replace(one, time_s=one.time_s[:rows].copy(), columns=columns)
+
+
+@pytest.mark.parametrize("max_shift_s", [0.1, 0.5, 30.0])
+@pytest.mark.parametrize("rows", [90, 400])
+def test_logs_that_hardly_overlap_are_not_explained_by_an_offset(
+    rows: int, max_shift_s: float
+) -> None:
+    limits = replace(LIMITS, max_shift_s=max_shift_s)
+    found = compare_logs(noise_log(1, rows), noise_log(2, rows), limits)
+    assert found.time_map.share == 0.0
+    assert kinds(found)["current_a"] == kinds(found)["speed_rpm"] == "other"
+
+
+@pytest.mark.parametrize("offset_s", [-0.3, -0.0123, 0.0, 0.0871, 0.4])
+def test_an_offset_is_found_in_the_whole_range(offset_s: float) -> None:
+    time_s = 1e-3 * np.arange(3000)
+
+    def shifted(by_s: float) -> Log:
+        speed = 3000.0 + 500.0 * np.sin(7.0 * (time_s - by_s)) + 90.0 * np.sin(61 * (time_s - by_s))
+        return replace(log_of(board_times()), time_s=time_s, columns={"speed_rpm": speed})
+
+    limits = replace(LIMITS, max_shift_s=0.5)
+    found = compare_logs(shifted(0.0), shifted(offset_s), limits).time_map
+    assert found.offset_s == pytest.approx(offset_s, abs=2e-5)
+
+
+@pytest.mark.parametrize("lost", ["rows at the end", "rows at the start", "a column"])
+def test_logs_of_other_rows_or_columns_are_not_equal(lost: str) -> None:
+    whole = log_of(board_times())
+    part = replace(whole, columns=dict(whole.columns))
+    if lost == "a column":
+        del part.columns["speed_rpm"]
+    else:
+        kept = slice(None, -7) if lost == "rows at the end" else slice(7, None)
+        columns = {name: column[kept] for name, column in whole.columns.items()}
+        part = replace(whole, time_s=whole.time_s[kept], columns=columns)
+    assert meets(compare_logs(whole, whole), "equal")
+    for pair in ((whole, part), (part, whole)):
+        found = compare_logs(*pair)
+        assert found.first is None and not meets(found, "equal")
+
+
+def test_a_command_of_few_levels_has_no_resolution_that_explains_a_gap() -> None:
+    a, b = log_of(board_times()), log_of(board_times())
+    a.columns["duty"] = np.where(a.time_s < 0.5, 0.0, 0.5)
+    b.columns["duty"] = np.where(a.time_s < 0.5, 0.0, 0.6)
+    assert kinds(compare_logs(a, b))["duty"] == "other"
+
+
+@pytest.mark.parametrize("column", ["state", "current_a"])
+def test_values_of_one_log_only_are_not_explained(column: str) -> None:
+    other = log_of(board_times())
+    other.columns[column][10:] = np.nan
+    found = compare_logs(log_of(board_times()), other)
+    assert kinds(found)[column] == "other"
+    json.dumps(found.as_dict(), allow_nan=False)
+    assert "missing" in first_sentence(found)
 
 
 @pytest.mark.parametrize(

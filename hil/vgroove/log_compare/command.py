@@ -33,13 +33,13 @@ def checked_options(require: str | None, max_shift_s: float) -> None:
 
 
 def meets(found: Comparison, require: str | None) -> bool:
-    """Whether a comparison is as --require demands: every column equal and no row missing, or
-    every gap explained by quantisation or timing.
+    """Whether a comparison is as --require demands: both logs with the same columns and rows, all
+    equal, or every gap explained by quantisation or timing.
     """
     kinds = {gap.explanation for gap in found.signals}
     if require == "equal":
-        rows = found.pairs.only_a + found.pairs.only_b
-        return kinds <= {EQUAL} and rows == 0 and not found.pairs.interpolated
+        same_rows = set(found.rows) == {len(found.pairs.time_s)} and not found.pairs.interpolated
+        return kinds <= {EQUAL} and same_rows and not found.only_in
     return require is None or not kinds & {OTHER, PARTLY}
 
 
@@ -61,7 +61,7 @@ def compare_files(
             print_warning(Console(stderr=True), warning)
     found = compare_logs(*logs, replace(LIMITS, max_shift_s=max_shift_s))
     print_results(table_console(json_path, html_path), sentences(found), [gap_table(found)])
-    files = [(json_path, json_text(found.as_dict(), allow_nan=True))] if json_path else []
+    files = [(json_path, json_text(found.as_dict()))] if json_path else []
     if html_path:
         files.append((html_path, comparison_page(found).as_html()))
     write_all(files)

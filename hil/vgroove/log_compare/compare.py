@@ -8,7 +8,14 @@ import numpy as np
 from vgroove.log.table import Log
 from vgroove.log_compare.few_rows import few_rows_warning
 from vgroove.log_compare.gaps import EQUAL, ColumnPair, SignalGap, differs, signal_gap
-from vgroove.log_compare.limits import BOARD_INPUTS, BOARD_OUTPUTS, DISCRETE, LIMITS, Limits
+from vgroove.log_compare.limits import (
+    BOARD_INPUTS,
+    BOARD_OUTPUTS,
+    BRIDGE_COMMAND,
+    DISCRETE,
+    LIMITS,
+    Limits,
+)
 from vgroove.log_compare.pairing import Pairs, pair_rows, values_at
 from vgroove.log_compare.time_map import TimeMap, fit_time_map
 
@@ -16,9 +23,9 @@ from vgroove.log_compare.time_map import TimeMap, fit_time_map
 @dataclass(frozen=True)
 class FirstDifference:
     """The first row in which the logs differ: its time, the columns that differ in it, and how the
-    first of them (inputs of the board before its outputs) differs: by at most one step of its
-    resolution (`quantisation`), by a value that the other log has in the next or the previous row
-    (`timing`), or `other`.
+    first of them (bridge command, inputs of the board, its other outputs) differs: by at most one
+    step of its resolution (`quantisation`), by a value that the other log has in the next or the
+    previous row (`timing`), or `other`.
     """
 
     time_s: float
@@ -28,13 +35,15 @@ class FirstDifference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two logs compared. `equal_rows`: rows before the first difference, equal bit for bit;
-    `cause`: input, output or equal: whether an input of the board, or one of its outputs at equal
-    inputs until then, differs first; `warnings`: sentences on why the comparison may mislead.
+    """Two logs compared. `rows`: of A and of B; `equal_rows`: rows before the first difference,
+    equal bit for bit; `cause`: input, output or equal: whether an input of the board, or one of its
+    outputs at equal inputs until then, differs first; `warnings`: sentences on why the comparison
+    may mislead.
     """
 
     a: str
     b: str
+    rows: tuple[int, int]
     pairs: Pairs
     time_map: TimeMap
     signals: tuple[SignalGap, ...]
@@ -51,6 +60,8 @@ class Comparison:
             "a": self.a,
             "b": self.b,
             "rows": {
+                "a": self.rows[0],
+                "b": self.rows[1],
                 "paired": len(self.pairs.time_s),
                 "interpolated": self.pairs.interpolated,
                 "only_a": self.pairs.only_a,
@@ -65,9 +76,14 @@ class Comparison:
                 "drift_ppm": 1e6 * self.time_map.drift,
                 "removed_share": self.time_map.share,
             },
-            "columns": {gap.name: asdict(gap) for gap in self.signals},
+            "columns": {gap.name: _without_nan(asdict(gap)) for gap in self.signals},
             "columns_of_one_log": self.only_in,
         }
+
+
+def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
+    """None in place of the value of a missing sample, which JSON cannot hold."""
+    return {name: None if value != value else value for name, value in values.items()}
 
 
 def compare_logs(a: Log, b: Log, limits: Limits = LIMITS) -> Comparison:
@@ -98,6 +114,7 @@ def compare_logs(a: Log, b: Log, limits: Limits = LIMITS) -> Comparison:
     return Comparison(
         a=a.source,
         b=b.source,
+        rows=(len(a), len(b)),
         pairs=pairs,
         time_map=time_map,
         signals=signals,
@@ -122,7 +139,8 @@ def _first_difference(pairs: Pairs, signals: tuple[SignalGap, ...]) -> FirstDiff
     if not rows:
         return None
     time_s = min(rows.values())
-    order = {name: rank for rank, name in enumerate((*BOARD_INPUTS, *BOARD_OUTPUTS))}
+    causes = dict.fromkeys((*BRIDGE_COMMAND, *BOARD_INPUTS, *BOARD_OUTPUTS))
+    order = {name: rank for rank, name in enumerate(causes)}
     names = sorted((n for n in rows if rows[n] == time_s), key=lambda n: order.get(n, len(order)))
     gap = next(g for g in signals if g.name == names[0])
     return FirstDifference(time_s, tuple(names), _kind_at(pairs, gap, time_s))

@@ -46,11 +46,13 @@ def differs(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def resolution(values: np.ndarray, limits: Limits) -> float:
-    """Step of the grid on which all values (n,) lie; 0 where there is none."""
+    """Step of the grid on which all values (n,) lie; 0 where there is none, or where they are too
+    few to show one.
+    """
     steps = np.diff(np.unique(values[np.isfinite(values)]))
     scale = float(np.nanmax(np.abs(values), initial=0.0))
     steps = steps[steps > 1e-9 * scale]
-    if not len(steps):
+    if len(steps) + 1 < limits.grid_values:
         return 0.0
     ratio = steps / steps.min()
     off = np.abs(ratio - np.round(ratio))
@@ -121,10 +123,12 @@ def signal_gap(pair: ColumnPair, limits: Limits) -> SignalGap:
 def _explanation(gap: SignalGap, discrete: bool, limits: Limits) -> str:
     if gap.differing == 0:
         return EQUAL
+    if gap.missing:
+        return OTHER
     if discrete:
         timing = gap.worst_shift_s is not None and gap.worst_shift_s <= limits.max_shift_s
         return TIMING if timing else OTHER
-    if gap.missing == 0 and gap.largest <= gap.resolution * (1.0 + 1e-6):
+    if gap.largest <= gap.resolution * (1.0 + 1e-6):
         return QUANTISATION
     if gap.rms_aligned is None or gap.rms == 0.0:
         return OTHER

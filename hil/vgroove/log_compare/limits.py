@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-# What the board senses and what it answers. A row's answer follows from the inputs of the rows
-# before it.
+# What the board senses and what it answers. The bridge command of a row acted during that row: it
+# follows from the rows before it; all other outputs follow from the row's own inputs too.
+BRIDGE_COMMAND = ("duty", "coast")
 BOARD_INPUTS = ("trigger", "mode", "supply_v", "current_a", "speed_rpm")
 BOARD_OUTPUTS = (
-    "duty",
-    "coast",
+    *BRIDGE_COMMAND,
     "state",
     "control_state",
     "stop_reason",
@@ -30,6 +30,11 @@ class Limits:
     # The same: timing in part; also the least share for using a time map. Interpolation between
     # two rows averages them, which alone removes half of the squared gap of white noise.
     partly_share: float = 0.75
+    # Of the samples with a value in both logs, those that a time offset must keep.
+    overlap_share: float = 0.5
+    # Least number of values on a grid whose step is a resolution: a command of few levels has a
+    # step too, by which two commands differ.
+    grid_values: int = 8
     grid_tolerance: float = 0.05  # of a step: values are multiples of one resolution
     # Of the rows of the shorter log: below it, the compared rows describe a small part of the logs.
     few_share: float = 0.1

@@ -28,7 +28,8 @@ def first_sentence(found: Comparison) -> str:
     first, names = found.first, found.first.columns
     gap = next(g for g in found.signals if g.name == names[0])
     unit = COLUMN_UNITS.get(gap.name, "")
-    values = f"A {gap.first_a:.9g}, B {gap.first_b:.9g}{' ' + unit if unit else ''}"
+    sides = (f"{log} {_shown(v)}" for log, v in (("A", gap.first_a), ("B", gap.first_b)))
+    values = f"{', '.join(sides)}{' ' + unit if unit else ''}"
     also = f"; in the same row also {', '.join(names[1:])}" if len(names) > 1 else ""
     return (
         f"The {found.equal_rows} rows before {first.time_s:.6g} s are equal bit for bit. There "
@@ -36,11 +37,15 @@ def first_sentence(found: Comparison) -> str:
     )
 
 
+def _shown(value: float | None) -> str:
+    return "missing" if value is None or np.isnan(value) else f"{value:.9g}"
+
+
 def cause_sentence(found: Comparison) -> str:
     """What the first difference says about the board."""
     if found.cause == "input":
         return (
-            "The board's inputs differ first; at equal inputs its outputs are equal. What follows "
+            "The board's inputs differ first, while its outputs are equal. What follows "
             "in the outputs is the answer to other inputs."
         )
     if found.cause == "output":
@@ -71,9 +76,14 @@ def row_sentence(found: Comparison) -> str:
             f"{len(pairs.time_s)} rows of A with B interpolated at their times: the logs have "
             "other sampling instants, so equality bit for bit is not defined."
         )
+    outside_a, outside_b = (
+        total - len(pairs.time_s) - only
+        for total, only in zip(found.rows, (pairs.only_a, pairs.only_b), strict=True)
+    )
     return (
         f"{len(pairs.time_s)} rows of equal time; within the common range {pairs.only_a} rows are "
-        f"in A only and {pairs.only_b} in B only."
+        f"in A only and {pairs.only_b} in B only; {outside_a} rows of A and {outside_b} of B lie "
+        "outside it."
     )
 
 
@@ -141,8 +151,7 @@ def trace_picture(found: Comparison) -> Picture:
 
 def _add_panel(figure: go.Figure, found: Comparison, gap: SignalGap, panel: int) -> None:
     a, b = found.pairs.a[gap.name], found.pairs.b[gap.name]
-    columns = [np.nan_to_num(column) for column in (a, b, b - a)]
-    time_s, *curves = thin(found.pairs.time_s, *columns)
+    time_s, *curves = thin(found.pairs.time_s, a, b, b - a)
     for name, values in zip(COLOURS, curves, strict=True):
         trace = go.Scatter(
             x=time_s,

@@ -1,11 +1,13 @@
 """Time offset and clock drift between two logs: nonlinear least squares (Gauss-Newton) on all
-continuous columns, from the best of a grid of offsets.
+continuous columns, from the best of a grid of offsets, whose costs are correlations.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.signal import correlate
 
 from vgroove.log.table import Log
 from vgroove.log_compare.limits import Limits
@@ -13,6 +15,7 @@ from vgroove.log_compare.pairing import values_at
 
 ITERATIONS = 8
 MAX_DRIFT = 0.01  # 1 %: a larger one is not that of two clocks
+ROUNDING = 1e-9  # of a normalised cost: smaller differences of correlations are rounding
 
 
 @dataclass(frozen=True)
@@ -33,29 +36,42 @@ class TimeMap:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Rows of log A that the fit uses, log B, and the columns with their scales."""
+    """Rows of log A that the fit uses, log B, the columns with their scales, and the least share of
+    the samples with a value in both logs that an offset must keep: where the logs hardly overlap,
+    nothing contradicts an offset.
+    """
 
     a: Log
     b: Log
     rows: np.ndarray
     scales: dict[str, float]
     origin_s: float
+    least_share: float
 
     def residual(self, offset_s: float, drift: float) -> np.ndarray:
-        """Normalised gap (columns x rows,), 0 where a sample is missing."""
+        """Normalised gap (columns x rows,), NaN where a sample is missing."""
         time_a = self.a.time_s[self.rows]
         time_b = time_a + offset_s + drift * (time_a - self.origin_s)
         gaps = [
             (values_at(self.b, name, time_b) - self.a[name][self.rows]) / scale
             for name, scale in self.scales.items()
         ]
-        return np.nan_to_num(np.concatenate(gaps), nan=0.0)
+        return np.concatenate(gaps)
+
+    @cached_property
+    def least_used(self) -> float:
+        """Least number of samples with a value in both logs."""
+        return self.least_share * float(np.isfinite(self.residual(0.0, 0.0)).sum())
 
     def cost(self, offset_s: float, drift: float) -> float:
-        """Mean square of the normalised gap over the samples that exist."""
+        """Mean square of the normalised gap over the samples that both logs have; infinite where
+        these are too few.
+        """
         residual = self.residual(offset_s, drift)
-        used = max(1, int(np.count_nonzero(residual)))
-        return float(residual @ residual) / max(used, len(residual) // 2)
+        used = np.isfinite(residual)
+        if used.sum() < max(self.least_used, 1.0):
+            return np.inf
+        return float(np.mean(residual[used] ** 2))
 
 
 def fit_time_map(a: Log, b: Log, columns: Sequence[str], limits: Limits) -> TimeMap:
@@ -67,9 +83,10 @@ def fit_time_map(a: Log, b: Log, columns: Sequence[str], limits: Limits) -> Time
     if not scales:
         return TimeMap()
     rows = np.unique(np.linspace(0, len(a) - 1, min(len(a), limits.fit_rows)).astype(int))
-    fit = _Fit(a, b, rows, scales, float(a.time_s[0] + a.time_s[-1]) / 2)
+    middle = float(a.time_s[0] + a.time_s[-1]) / 2
+    fit = _Fit(a, b, rows, scales, middle, limits.overlap_share)
     before = fit.cost(0.0, 0.0)
-    if before == 0.0:
+    if before == 0.0 or not np.isfinite(before):
         return TimeMap()
     offset_s, drift = _gauss_newton(fit, _best_offset(fit, limits), limits)
     share = 1.0 - fit.cost(offset_s, drift) / before
@@ -81,9 +98,38 @@ def fit_time_map(a: Log, b: Log, columns: Sequence[str], limits: Limits) -> Time
 def _best_offset(fit: _Fit, limits: Limits) -> float:
     """The offset of a grid of one interval's spacing with the least cost."""
     interval = float(np.median(np.diff(fit.a.time_s)))
-    count = int(limits.max_shift_s / interval)
+    count = int(limits.max_shift_s / interval * (1.0 + 1e-9))
     offsets = interval * np.arange(-count, count + 1)
-    return float(min(offsets, key=lambda offset: (fit.cost(offset, 0.0), abs(offset))))
+    costs = _costs_on_grid(fit, interval, count)
+    best = offsets[costs <= costs.min() * (1.0 + ROUNDING) + ROUNDING]
+    return float(min(best, key=abs))
+
+
+def _costs_on_grid(fit: _Fit, interval_s: float, count: int) -> np.ndarray:
+    """Costs (2 count + 1,) of the offsets of -count to count intervals: mean squares of differences
+    of samples at even times, whose sums over all offsets are correlations.
+    """
+    length = int(np.ptp(fit.a.time_s) / interval_s) + 1
+    time_a = fit.a.time_s[0] + interval_s * np.arange(length)
+    time_b = fit.a.time_s[0] + interval_s * np.arange(-count, length + count)
+    used, squares = np.zeros(2 * count + 1), np.zeros(2 * count + 1)
+    for name, scale in fit.scales.items():
+        centre = float(np.nanmean(fit.a[name]))
+        (a, in_a), (b, in_b) = (
+            _filled((values_at(log, name, time_s) - centre) / scale)
+            for log, time_s in ((fit.a, time_a), (fit.b, time_b))
+        )
+        used += correlate(in_b, in_a, mode="valid", method="fft")
+        squares += correlate(b**2, in_a, mode="valid", method="fft")
+        squares += correlate(in_b, a**2, mode="valid", method="fft")
+        squares -= 2.0 * correlate(b, a, mode="valid", method="fft")
+    least = max(fit.least_share * used[count], 1.0)
+    return np.where(used >= least - 0.5, np.maximum(squares, 0.0) / np.maximum(used, 1.0), np.inf)
+
+
+def _filled(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n,) with 0 where a sample is missing, and whether each exists (n,), as 0 or 1."""
+    return np.nan_to_num(values), np.isfinite(values).astype(float)
 
 
 def _gauss_newton(fit: _Fit, offset_s: float, limits: Limits) -> tuple[float, float]:
@@ -100,11 +146,12 @@ def _gauss_newton(fit: _Fit, offset_s: float, limits: Limits) -> tuple[float, fl
             ],
             axis=1,
         )
-        change, *_ = np.linalg.lstsq(slopes, -centre, rcond=None)
+        used = np.isfinite(slopes).all(axis=1)
+        change, *_ = np.linalg.lstsq(slopes[used], -centre[used], rcond=None)
         for halving in range(6):
             moved = offset_s + 0.5**halving * change[0] * step_s
             turned = drift + 0.5**halving * change[1] * step_s / span_s
-            allowed = abs(moved) <= 2 * limits.max_shift_s and abs(turned) <= MAX_DRIFT
+            allowed = abs(moved) <= limits.max_shift_s and abs(turned) <= MAX_DRIFT
             if allowed and (cost := fit.cost(moved, turned)) < best:
                 offset_s, drift, best = moved, turned, cost
                 break

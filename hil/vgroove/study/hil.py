@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
@@ -140,7 +139,7 @@ def _table(rows: list[dict[str, Any]]) -> Table:
 def _picture(name: str, found: Comparison) -> Picture:
     figure = make_subplots(rows=len(SHOWN), cols=1, shared_xaxes=True, vertical_spacing=0.05)
     for row, (column, text) in enumerate(SHOWN.items(), 1):
-        curves = [np.nan_to_num(side[column]) for side in (found.pairs.a, found.pairs.b)]
+        curves = [side[column] for side in (found.pairs.a, found.pairs.b)]
         time_s, *thinned = thin(found.pairs.time_s, *curves)
         for (label, colour), values in zip(COLOURS.items(), thinned, strict=True):
             line = {"color": colour, "width": 1.2, "dash": DASHES[label]}
