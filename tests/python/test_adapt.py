@@ -21,7 +21,12 @@ from vgroove.adapt.adaptation import Adaptation, check
 from vgroove.adapt.firmware_image import adapted_image, map_in_flash
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale, level_scale
-from vgroove.adapt.setpoints import default_value, setpoints
+from vgroove.adapt.setpoints import (
+    beyond_range,
+    default_value,
+    needed_setpoints,
+    setpoints,
+)
 from vgroove.board import AvrBoard
 from vgroove.board_parameters import check_board, write_parameters
 from vgroove.cli import app
@@ -149,6 +154,31 @@ def test_bytes_of_a_map_are_rounded_tables() -> None:
     assert set(found["level_40mv"][18:]) == {50} and set(found["level_40mv"][:18]) == {0}
     assert set(found["settled_a_q4"][:18]) == {255} and found["settled_a_q4"][18] == 33
     assert (found["raised_40mv"][0], found["stop_a_q8"][0], found["run_20mv"][0]) == (90, 4096, 25)
+
+
+@pytest.mark.parametrize(
+    ("settled", "byte", "warned"),
+    [(11.77, 0, True), (11.98, 0, False), (27.875, 254, False), (27.99, 254, True)],
+)
+def test_a_current_beyond_the_bytes_is_the_nearest_one_and_is_warned_of(
+    settled: float, byte: int, warned: bool
+) -> None:
+    rows = torque_map.ROWS
+    table = {name: np.full(rows, 8.0) for name in ("level", "raised")}
+    table |= {"settled": np.full(rows, 14.0), "stop": np.full(rows, 16.0)}
+    table["settled"][20:23] = settled
+    found = maps.member_values(table, 5.5)
+    assert set(found["settled_a_q4"][20:23]) == {byte} and found["settled_a_q4"][19] == 32
+    warnings = maps.beyond_range(table, 5.5)
+    assert len(warnings) == int(warned)
+    assert all(text.startswith("targets of 60 to 62 N m") for text in warnings)
+
+
+def test_a_setpoint_that_the_board_cannot_hold_is_warned_of() -> None:
+    needed = needed_setpoints(reference_rig(), SAME)
+    assert beyond_range(needed) == []
+    [warning] = beyond_range({**needed, "motor_rpm_per_v": 973.0})
+    assert warning.startswith("motor_rpm_per_v: this tool needs 973 rpm/V, the nearest value")
 
 
 @pytest.mark.parametrize("scale", [0.91, 1.0, 1.115])

@@ -167,6 +167,8 @@ def test_other_logs_are_refused_with_a_sentence(name: str) -> None:
         ('{"params": {"slew": 1}}', "no parameter slew"),
         ('{"params": {"foldback_a_q9": 900}}', "foldback_a_q9 is"),
         ('{"params": {"foldback_a_q9": "x"}}', "is no number"),
+        ('{"params": {"foldback_a_q9": NaN}}', "is no number"),
+        ('{"params": {"foldback_a_q9": 1e999}}', "is no number"),
     ],
 )
 def test_a_wrong_firmware_file_is_refused(tmp_path: Path, text: str, sentence: str) -> None:

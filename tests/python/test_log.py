@@ -536,3 +536,16 @@ def test_practice_log_is_read_without_warnings() -> None:
         and log.warnings == []
         and list(log.columns) == ["duty", "supply_v", "current_a", "speed_rpm"]
     )
+
+
+@pytest.mark.parametrize("day", ["Die Dez 1 10:00:00.123 2026", "Tue Feb 30 10:00:00.123 2026"])
+def test_an_asc_file_with_a_date_of_another_language_is_refused_only_for_its_content(
+    day: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.asc"
+    path.write_text(
+        f"date {day}\nbase hex  timestamps absolute\nBegin Triggerblock {day}\n"
+        " 0.000000 Start of measurement\nEnd TriggerBlock\n"
+    )
+    with pytest.raises(VgrooveError, match="telemetry"):
+        read_log(path)

@@ -808,6 +808,48 @@ def test_an_mf4_with_other_names_its_own_units_and_a_group_a_signal_is_read(tmp_
     assert any("resampled" in warning and "n, U_cmd" in warning for warning in back.warnings)
 
 
+def test_a_command_holds_for_an_interval_after_its_last_sample(tmp_path: Path) -> None:
+    log = sample(400)
+    early = slice(0, 201, 20)
+    path = mf4(
+        tmp_path / "a.mf4",
+        [
+            [Signal(log["current_a"], log.time_s, name="current_a")],
+            [Signal(log["duty"][early], log.time_s[early], name="duty")],
+        ],
+    )
+    missing = np.isnan(read_log(path)["duty"])
+    assert not missing[:220].any() and missing[221:].all()
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+@pytest.mark.parametrize("unit", ["us", "ms"])
+def test_a_counter_with_sign_goes_on(bits: int, unit: str) -> None:
+    half, step = 2 ** (bits - 1), 7
+    ticks = half + step * (np.arange(80) - 40)
+    signed = (ticks + half) % (2 * half) - half
+    table = {name: values for name, values in own(sample()).items() if name != "time_s"}
+    log = as_log(table | {"t": signed.astype(float)}, column_map([f"t:{unit}=time_s"]))
+    scale = {"us": 1e-6, "ms": 1e-3}[unit]
+    assert np.allclose(np.diff(log.time_s), step * scale)
+    assert any("begins again once" in warning for warning in log.warnings)
+
+
+def test_a_column_named_by_a_number_is_mapped() -> None:
+    columns = own(sample())
+    table = {name: values for name, values in columns.items() if name != "duty"}
+    log = as_log(table | {1: columns["duty"]}, column_map(["1=duty"]))
+    assert np.array_equal(log["duty"], columns["duty"])
+
+
+def test_a_parquet_column_that_is_there_twice_is_named(tmp_path: Path) -> None:
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    names = ["time_s", "duty", "duty"]
+    table = arrow.Table.from_arrays([arrow.array([0.0, 1.0])] * 3, names=names)
+    parquet.write_table(table, tmp_path / "a.parquet")
+    refused(tmp_path / "a.parquet", "has the column duty twice")
+
+
 def test_the_time_base_can_be_declared(tmp_path: Path) -> None:
     log, slow = sample(400), slice(None, None, 4)
     path = mf4(

@@ -1,5 +1,5 @@
-"""One log of the AVR firmware leaves two effects tied; the run that the verdict proposes, performed
-by the firmware, decides between them.
+"""The run that a verdict proposes: which runs a tool is capable of, unusable points; and, performed
+by the AVR firmware, it decides between two effects that one log leaves tied.
 """
 
 import numpy as np
@@ -9,7 +9,9 @@ from test_board_run import HELD, RIG, Line
 from test_run import elf
 from vgroove import lockstep
 from vgroove.board import AvrBoard
+from vgroove.errors import VgrooveError
 from vgroove.gap import diagnose
+from vgroove.gap.next_run.experiment_design import goes_both_ways
 from vgroove.gap.next_run.menu import profile_from_verdict
 from vgroove.guided_run import GuidedRun
 from vgroove.log import Log, log_from_session, log_from_stream
@@ -62,3 +64,28 @@ def test_the_run_that_a_verdict_proposes_decides_what_one_log_leaves_undecided()
     assert line.run.ended == RUN_COMPLETE and np.ptp(two["speed_rpm"]) > 5000.0
     both = diagnose([one, two], read_rig(RIG)).as_dict()
     assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])
+
+
+@pytest.mark.parametrize(
+    ("values", "both"),
+    [
+        (np.r_[np.ones(500), -0.2 * np.ones(500)], True),
+        (np.r_[np.ones(500), np.full(500, np.nan), -0.1 * np.ones(10)], True),
+        (np.r_[np.ones(999), [-0.9]], False),  # one sample
+        (np.abs(np.sin(np.arange(1000.0))) - 0.03, False),  # noise around 0
+        (np.full(9, np.nan), False),
+    ],
+)
+def test_a_tool_goes_both_ways_where_it_does_so_for_more_than_an_event(
+    values: np.ndarray, both: bool
+) -> None:
+    assert goes_both_ways(values) is both
+
+
+@pytest.mark.parametrize(
+    "points", [[[0, 0], [4, 0]], [[0, 0], [float("nan"), 0.5]], [[0, 0], [1, float("nan")]]]
+)
+def test_points_without_drive_or_number_are_refused(points: list[list[float]]) -> None:
+    asked = {"next_experiment": {"profile": "staircase", "points": points}}
+    with pytest.raises(VgrooveError, match="are not all 0"):
+        profile_from_verdict(asked, "verdict.json")

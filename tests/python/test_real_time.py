@@ -20,6 +20,7 @@ import can
 import cantools
 import numpy as np
 import pytest
+from rich.console import Console
 
 from real_time_board import PACE, ROOT, BusGateway, ChangedLink, PacedBoard, hil_elf
 from vgroove import lockstep, telemetry
@@ -32,10 +33,18 @@ from vgroove.real_time import (
     RealTimeRun,
     SerialLink,
     TickInputs,
+    command,
     run_in_real_time,
     timing_figures,
 )
-from vgroove.real_time.figures import clock_sentence, fit_clock, late_sentence, timing_rows
+from vgroove.real_time.command import HilOptions
+from vgroove.real_time.figures import (
+    LEAST_EXCHANGES,
+    clock_sentence,
+    fit_clock,
+    late_sentence,
+    timing_rows,
+)
 from vgroove.real_time.frames import DRIVE, SENSE_A, drive_of, sense_frames
 from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.scenario import Scenario, command_messages, make_plant, read_scenario
@@ -298,6 +307,16 @@ def made_run(held: dict[int, int], drift: float, ticks: int = 5000) -> RealTimeR
         received_s = 100.0 + board_s * (1.0 + drift) + 4e-4 + rng.exponential(5e-5)
         run.exchanges.append(Exchange(tick, received_s, received_s + 1e-4, 6e-5, board_s))
     return run
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_a_run_that_ends_after_some_exchanges_writes_what_it_has(
+    count: int, tmp_path: Path
+) -> None:
+    run = made_run({}, 0.0, count)
+    options = HilOptions("port", json_path=tmp_path / "a.json")
+    figures = command._write(run, options, Console(stderr=True))
+    assert (tmp_path / "a.json").is_file() == bool(figures) == (count == LEAST_EXCHANGES)
 
 
 def test_drift_and_offset_of_the_clocks_are_estimated() -> None:

@@ -6,7 +6,13 @@ from typing import Any
 
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale, level_scale
-from vgroove.adapt.setpoints import check_tool, default_value, setpoints
+from vgroove.adapt.setpoints import (
+    beyond_range,
+    check_tool,
+    default_value,
+    needed_setpoints,
+    setpoints,
+)
 from vgroove.adapt.torque_map_file import flash_bytes, torque_map
 from vgroove.control_bench import torque_drawn
 from vgroove.control_bench.draw import DRIVE, drawn
@@ -41,13 +47,14 @@ CHECK = [
 class Adaptation:
     """What was computed for a tool. levels: its levels as voltages of the firmware's motor;
     motor_levels: as voltages of its own motor. parameters: physical values; torque_map: members of
-    the firmware's TorqueMap.
+    the firmware's TorqueMap; warnings: what the board cannot hold as the tool needs it.
     """
 
     levels: LevelScale
     motor_levels: LevelScale
     parameters: dict[str, float]
     torque_map: dict[str, Any]
+    warnings: tuple[str, ...] = ()
 
     @property
     def flash_bytes(self) -> bytes:
@@ -81,6 +88,7 @@ class Adaptation:
             "schema": SCHEMA,
             "levels": vars(self.levels),
             "motor_levels": vars(self.motor_levels),
+            "warnings": list(self.warnings),
             "parameters": self.parameter_rows(),
             "torque_map": {name: values.tolist() for name, values in self.torque_map.items()},
         }
@@ -93,8 +101,9 @@ def adapt(rig: Rig, progress: Callable[[float], None] | None = None) -> Adaptati
     """
     check_tool(rig)
     levels, motor_levels = level_scale(rig), level_scale(rig, motor_of(rig))
-    found = torque_map(rig, levels.level, progress=progress)
-    return Adaptation(levels, motor_levels, setpoints(rig, motor_levels), found)
+    found, of_map = torque_map(rig, levels.level, progress=progress)
+    warnings = (*of_map, *beyond_range(needed_setpoints(rig, motor_levels)))
+    return Adaptation(levels, motor_levels, setpoints(rig, motor_levels), found, warnings)
 
 
 def check_work(variant: Variant, *, rig: Rig, torque_map: bytes | None, **cell: Any) -> Figures:

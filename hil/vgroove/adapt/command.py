@@ -70,8 +70,8 @@ def adapt_command(
         image = adapted_image(default_elf(target), found.flash_bytes, output.suffix[1:])
         files.append((output, image))
     write_all(files)
-    tables = adapt_tables(found, compared)
-    print_results(table_console(output, json_path), [found.sentence], tables)
+    lines = [found.sentence, *found.warnings]
+    print_results(table_console(output, json_path), lines, adapt_tables(found, compared))
     if port:
         write_parameters(port, found.parameters, baud)
         print_line(Console(stderr=True), f"{len(found.parameters)} parameters written to {port}.")

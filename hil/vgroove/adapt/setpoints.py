@@ -39,6 +39,12 @@ def setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
     """Physical values of the parameters by their names without suffix _qN, within their ranges.
     motor_scale: the tool's levels as voltages of its own motor.
     """
+    needed = needed_setpoints(rig, motor_scale)
+    return {name: stored_value(name, value) for name, value in needed.items()}
+
+
+def needed_setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
+    """The values of setpoints() as the tool needs them, whether or not the board can hold them."""
     k, resistance = motor_of(rig)
     found = {
         "motor_mohm": 1000.0 * resistance,
@@ -48,8 +54,20 @@ def setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
         "vibration_climb": default_value("vibration_climb") * climb_share(rig),
     }
     found |= {name: default_value(name) * motor_scale.level for name in VOLTAGES}
-    found |= {name: default_value(name) * motor_scale.current for name in CURRENTS}
-    return {name: stored_value(name, value) for name, value in found.items()}
+    return found | {name: default_value(name) * motor_scale.current for name in CURRENTS}
+
+
+def beyond_range(values: dict[str, float]) -> list[str]:
+    """A sentence for each parameter of which the board cannot hold the value."""
+    found = []
+    for name, value in values.items():
+        stored = stored_value(name, value)
+        if abs(stored - value) > 2.0 ** -parameter(name).q:
+            found.append(
+                f"{name}: this tool needs {value:.4g} {parameter(name).unit}, the nearest value "
+                f"that the board holds is {stored:.4g}"
+            )
+    return found
 
 
 def default_value(name: str) -> float:

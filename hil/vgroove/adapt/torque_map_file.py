@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.adapt.torque_map import BASE_V, LEVEL_STEP_V, RUN_V, tables
+from vgroove.adapt.torque_map import BASE_V, FIRST_NM, LEVEL_STEP_V, RUN_V, tables
 from vgroove.progress import share_bar
 from vgroove.reference.rigs import reference_rig
 from vgroove.rig import Rig
@@ -25,21 +25,69 @@ MEMBER_TYPES = {
 }
 # In the C table in place of a current: none is valid, since the target is below LEAST_HELD_NM.
 NEVER = 255
+LEAST_SETTLED_A = 12.0
+# Of the members: their steps in V or A, what they are, and the unit
+UNITS = {
+    "stop_a_q8": (1.0 / 256.0, "the current that ends a drive", "A"),
+    "level_40mv": (LEVEL_STEP_V, "the level", "V"),
+    "settled_a_q4": (1.0 / 16.0, "the current that tells a hard joint", "A"),
+    "raised_40mv": (LEVEL_STEP_V, "the raised level", "V"),
+    "run_20mv": (RUN_STEP_V, "the level", "V"),
+}
+
+
+def exact_values(table: dict[str, np.ndarray], run_v: float) -> dict[str, np.ndarray]:
+    """Members of TorqueMap in their order, (rows,), the last one (1,), before rounding; NaN where a
+    row has none. The name of a member states its unit. table: columns of torque_map.tables(), in V
+    and A; run_v: level of the run-up in V.
+    """
+    return {
+        "stop_a_q8": table["stop"] * 256,
+        "level_40mv": (table["level"] - BASE_V) / LEVEL_STEP_V,
+        "settled_a_q4": (table["settled"] - LEAST_SETTLED_A) * 16,
+        "raised_40mv": (table["raised"] - BASE_V) / LEVEL_STEP_V,
+        "run_20mv": (np.array([run_v]) - BASE_V) / RUN_STEP_V,
+    }
+
+
+def _in_range(name: str, values: np.ndarray) -> np.ndarray:
+    """Rounded values (n,) of a member, the nearest ones that it can hold."""
+    kind = MEMBER_TYPES[name]
+    largest = NEVER - 1 if name == "settled_a_q4" else np.iinfo(kind).max
+    return np.clip(np.round(values), 0.0, largest)
 
 
 def member_values(table: dict[str, np.ndarray], run_v: float) -> dict[str, np.ndarray]:
-    """Integers of the members of TorqueMap in their order, (rows,), the last one (1,). The name of
-    a member states its unit. table: columns of torque_map.tables(), in V and A; run_v: level of
-    the run-up in V.
+    """The integers of exact_values() that the map holds, the nearest ones where it cannot."""
+    found = {}
+    for name, values in exact_values(table, run_v).items():
+        none = NEVER if name == "settled_a_q4" else 0
+        found[name] = np.nan_to_num(_in_range(name, values), nan=none).astype(MEMBER_TYPES[name])
+    return found
+
+
+def beyond_range(table: dict[str, np.ndarray], run_v: float) -> list[str]:
+    """A sentence for each member of which the map cannot hold all values that a tool needs: its
+    targets, and how far off the nearest ones are.
     """
-    columns = {
-        "stop_a_q8": np.round(table["stop"] * 256),
-        "level_40mv": np.round((np.nan_to_num(table["level"], nan=BASE_V) - BASE_V) / LEVEL_STEP_V),
-        "settled_a_q4": np.round(np.nan_to_num((table["settled"] - 12.0) * 16, nan=NEVER)),
-        "raised_40mv": np.round((table["raised"] - BASE_V) / LEVEL_STEP_V),
-        "run_20mv": np.round((np.array([run_v]) - BASE_V) / RUN_STEP_V),
-    }
-    return {name: values.astype(MEMBER_TYPES[name]) for name, values in columns.items()}
+    found = []
+    for name, values in exact_values(table, run_v).items():
+        off = np.abs(_in_range(name, values) - np.round(values))
+        rows = np.flatnonzero(off > 0.0)
+        if not len(rows):
+            continue
+        where = "the run-up" if len(values) == 1 else f"targets of {_targets(rows)}"
+        worst = off.max() * UNITS[name][0]
+        found.append(
+            f"{where}: {UNITS[name][1]} is up to {worst:.3g} {UNITS[name][2]} beyond the range of "
+            "the firmware's map, which holds the nearest value: check the torque there"
+        )
+    return found
+
+
+def _targets(rows: np.ndarray) -> str:
+    first, last = FIRST_NM + int(rows[0]), FIRST_NM + int(rows[-1])
+    return f"{first} N m" if first == last else f"{first} to {last} N m"
 
 
 def flash_bytes(map_members: dict[str, np.ndarray]) -> bytes:
@@ -103,17 +151,18 @@ int16_t torque_map_stop_a_q8(uint8_t row) {{
 """
 
 
-def torque_map(rig: Rig, scale: float, **options: Any) -> dict[str, np.ndarray]:
-    """The members of the map of a rig whose levels are `scale` times those of the reference tool;
-    the options are those of `tables`.
+def torque_map(rig: Rig, scale: float, **options: Any) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The members of the map of a rig whose levels are `scale` times those of the reference tool,
+    and the sentences of beyond_range(); the options are those of `tables`.
     """
-    return member_values(tables(rig, scale, **options), scale * RUN_V)
+    table, run_v = tables(rig, scale, **options), scale * RUN_V
+    return member_values(table, run_v), beyond_range(table, run_v)
 
 
 def main() -> None:
     """Write the file named on the command line."""
     with share_bar("torque map") as bar:
-        found = torque_map(reference_rig(), 1.0, progress=bar.move_to)
+        found, _ = torque_map(reference_rig(), 1.0, progress=bar.move_to)
     Path(sys.argv[1]).write_text(c_source(found), encoding="utf-8")
 
 

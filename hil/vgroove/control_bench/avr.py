@@ -15,6 +15,7 @@ from vgroove.board import AvrBoard, default_elf
 from vgroove.control_bench import drill, screwing, torque
 from vgroove.control_bench.runs import Run, RunPlan, pull, reference, run_plan
 from vgroove.eeprom_image import AbsentError
+from vgroove.errors import VgrooveError
 from vgroove.html_page import table_from_dicts
 from vgroove.lockstep import Profile
 from vgroove.progress import step_bar
@@ -224,6 +225,10 @@ def differing(case: Case) -> dict[str, Any]:
 def avr_bench(parts: Sequence[str]) -> Report:
     """The subset of the named parts; controllers that the firmware lacks are listed as absent."""
     cases = [case for part in parts for case in CASES.get(part, ())]
+    if not cases:
+        raise VgrooveError(
+            f"on the ELF there are drives of {', '.join(CASES)}, none of these parts"
+        )
     rows, lines = [], []
     with step_bar(len(cases)) as tick:
         for case in cases:

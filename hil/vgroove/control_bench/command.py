@@ -10,6 +10,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from vgroove.unused_options import refuse_given
+
 app = typer.Typer()  # its commands are those of `vgroove bench`
 HALVES = ("both", "tune", "report")
 PLATFORMS = ("sil", "avr")
@@ -33,6 +35,7 @@ def processor_s() -> float:
 
 @app.command("control")
 def control_command(
+    context: typer.Context,
     part: Annotated[
         list[str] | None,
         typer.Option(
@@ -80,6 +83,8 @@ def control_command(
         raise VgrooveError(
             f"--set is one of {', '.join(HALVES)}, --on sil or avr; not {half}, {on}"
         )
+    if on == "avr":
+        refuse_given(context, ("half", "only_fifth", "draws"), "the drives on the ELF are fixed")
     check_outputs((json_path, html_path))
     began_s = processor_s()
     choice = Choice(None if half == "both" else half, only_fifth, draws)

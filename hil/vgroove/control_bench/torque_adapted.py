@@ -52,7 +52,7 @@ def map_work(variant: Variant, *, tool: Mapping[str, float]) -> Figures:
     start = {"supply_v": nominal.value("supply.voltage_v"), "start_rad": 0.0}
     rig = drawn_tool(nominal, {**start, "tool": tool})
     scale = level_scale(rig).level
-    return {"scale": scale, "map": flash_bytes(torque_map(rig, scale, workers=1)).hex()}
+    return {"scale": scale, "map": flash_bytes(torque_map(rig, scale, workers=1)[0]).hex()}
 
 
 def map_jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:

@@ -1,6 +1,7 @@
 """The firmware that a board is assumed to run: mode and EEPROM parameters, from a JSON file."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
@@ -57,7 +58,8 @@ def read_assumed_firmware(path: Path) -> AssumedFirmware:
 
 def _checked(path: Path, mode: str, params: Mapping[str, object]) -> AssumedFirmware:
     for name, value in params.items():
-        if not isinstance(value, Real) or isinstance(value, bool):
+        is_number = isinstance(value, Real) and not isinstance(value, bool)
+        if not is_number or not math.isfinite(value):
             raise VgrooveError(f"{path}: the parameter {name} is no number.")
     try:
         assumed = AssumedFirmware(

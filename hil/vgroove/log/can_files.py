@@ -145,14 +145,19 @@ def _session_warnings(session: telemetry.Session, log: Log) -> list[str]:
 
 def _asc_offsets(text: str) -> list[int]:
     """Likely offsets (ms) of an ASC file: python-can writes times since the first frame, and that
-    frame's time as a local date with unpadded milliseconds.
+    frame's time as a local date with unpadded milliseconds. A date in another language or form
+    gives none.
     """
     match = re.search(
         r"Begin Triggerblock \w+ (\w+ \d+ \d+:\d+:\d+)\.(\d+) (\d+)", text, re.IGNORECASE
     )
     if match is None:
         return [0]
-    moment = datetime.strptime(f"{match[1]} {match[3]}", "%b %d %H:%M:%S %Y").replace(tzinfo=UTC)
+    try:
+        moment = datetime.strptime(f"{match[1]} {match[3]}", "%b %d %H:%M:%S %Y")
+    except ValueError:
+        return [0]
+    moment = moment.replace(tzinfo=UTC)
     start_ms = round(moment.timestamp()) * 1000 + int(match[2])
     return [0, *((start_ms + zone * QUARTER_HOUR_MS) & 0xFFFFFFFF for zone in TIME_ZONES)]
 

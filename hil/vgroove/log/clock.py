@@ -1,10 +1,10 @@
-"""Clocks that begin again at 0: counters of 16 or 32 bits and times of day, of which a log is read
-with the periods added up; and what else makes times go back.
+"""Clocks that begin again: counters of 16 or 32 bits, with or without sign, and times of day, of
+which a log is read with the periods added up; and what else makes times go back.
 """
 
 import numpy as np
 
-DAY_S, HALF_DAY_S = 86_400.0, 43_200.0
+DAY_S, HALF_DAY_S, HOUR_S = 86_400.0, 43_200.0, 3_600.0
 COUNTER_BITS = (16, 32)
 # periods of counters of 32 bits that a logger writes in s, as micros() and millis() of Arduino
 COUNTERS_S = {"2^32 us": 2.0**32 * 1e-6, "2^32 ms": 2.0**32 * 1e-3}
@@ -29,7 +29,8 @@ def unwrapped(time_s: np.ndarray, tick_s: float) -> tuple[np.ndarray, str]:
     periods = {"a day": DAY_S}
     periods |= {f"2^{bits} ticks": 2.0**bits * tick_s for bits in COUNTER_BITS} | COUNTERS_S
     for name, period_s in periods.items():
-        if _restarts(time_s, period_s):
+        signed_s = 0.5 * period_s if time_s.min() < 0.0 and period_s != DAY_S else 0.0
+        if _restarts(time_s + signed_s, period_s):
             added = np.concatenate([[0.0], np.cumsum(np.where(back, period_s, 0.0))])
             times = f"{np.count_nonzero(back)} times" if np.count_nonzero(back) > 1 else "once"
             return (
@@ -48,10 +49,15 @@ def in_order(time_s: np.ndarray, tick_s: float, warnings: list[str], source: str
 
 
 def _restarts(time_s: np.ndarray, period_s: float) -> bool:
-    """Whether all steps back (n,) are those of a clock with this period, s."""
+    """Whether times (n,) in s step back, as those of a clock with this period, s, and no others."""
     steps = np.diff(time_s)
     forward = steps[steps > 0.0]
-    if not len(forward) or time_s.min() < 0.0 or time_s.max() >= period_s:
+    if (
+        not len(forward)
+        or not (steps < 0.0).any()
+        or time_s.min() < 0.0
+        or time_s.max() >= period_s
+    ):
         return False
     onward = steps[steps < 0.0] + period_s
     rounding_s, usual_s = 4.0 * np.finfo(float).eps * period_s, float(np.median(forward))
@@ -69,7 +75,7 @@ def time_mend(time_s: np.ndarray) -> str:
         return "delete the rows that are there twice"
     if back > 0.5 * len(steps):
         return "it goes back in most rows: sort the rows by time"
-    if _restarts(time_s % HALF_DAY_S, HALF_DAY_S):
+    if _is_of_half_days(time_s):
         return "is it a clock of 12 hours? Write the hours as 0 to 23"
     for name, period_s in PARTS_S.items():
         if _restarts(time_s, period_s):
@@ -81,6 +87,14 @@ def time_mend(time_s: np.ndarray) -> str:
         )
     often = "once" if back == 1 else f"{back} times"
     return f"it goes back {often}: give each recording as a log of its own, in the order of time"
+
+
+def _is_of_half_days(time_s: np.ndarray) -> bool:
+    """Whether times (n,) in s that go back are those of a clock that shows 12:59 before 1:00."""
+    if time_s.min() < 0.0 or time_s.max() >= HALF_DAY_S + HOUR_S:
+        return False
+    within = time_s % HALF_DAY_S
+    return not (np.diff(within) < 0.0).any() or _restarts(within, HALF_DAY_S)
 
 
 def _lacks_zeros(time_s: np.ndarray) -> bool:

@@ -128,8 +128,9 @@ def _time_base(source: Source, columns: ColumnMap, found: list[Channel]) -> np.n
 
 
 def _resampled(channel: Channel, base: np.ndarray) -> np.ndarray:
-    """The channel at the times `base` (m,) in s: nan outside of its own times, and where it has no
-    sample for more than MAX_GAP_INTERVALS of its intervals.
+    """The channel at the times `base` (m,) in s: nan outside of its own times (a command holds for
+    an interval after its last sample), and where it has no sample for more than MAX_GAP_INTERVALS
+    of its intervals.
     """
     known = np.isfinite(channel.values)
     own, values = channel.time_s[known], channel.values[known]
@@ -137,14 +138,15 @@ def _resampled(channel: Channel, base: np.ndarray) -> np.ndarray:
         return channel.values if len(own) else np.full(len(base), np.nan)
     before = np.searchsorted(own, base, side="right") - 1
     last = own[np.maximum(before, 0)]
-    longest_s = MAX_GAP_INTERVALS * channel.interval_s
+    longest_s, end_s = MAX_GAP_INTERVALS * channel.interval_s, own[-1]
     if channel.column in HELD:
         found, missing = values[np.maximum(before, 0)], base - last > longest_s
+        end_s += channel.interval_s
     else:
         after = np.minimum(np.searchsorted(own, base, side="left"), len(own) - 1)
         found = np.interp(base, own, values)
-        missing = (own[after] - last > longest_s) | (base > own[-1])
-    return np.where(missing | (before < 0), np.nan, found)
+        missing = own[after] - last > longest_s
+    return np.where(missing | (before < 0) | (base > end_s), np.nan, found)
 
 
 def _resampling_warnings(path: Path, found: list[Channel], base: np.ndarray) -> list[str]:

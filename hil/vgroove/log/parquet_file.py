@@ -16,11 +16,15 @@ def read_parquet(path: Path, columns: ColumnMap = NO_MAP) -> Log:
     """Read a Parquet file; VgrooveError for a damaged one, and without pyarrow."""
     parquet = need("pyarrow.parquet", f"{path}: a Parquet file")
     try:
-        table = parquet.read_table(path)
+        names = parquet.read_schema(path).names
+        twice = sorted({name for name in names if names.count(name) > 1})
+        table = None if twice else parquet.read_table(path)
     except OSError:
         raise
     except Exception as error:
         raise VgrooveError(f"{path}: is a damaged or truncated Parquet file: {error}.") from error
+    if table is None:
+        raise VgrooveError(f"{path}: has the column {', '.join(twice)} twice: rename one of them")
 
     def values(name: str) -> Any:
         column = table.column(name).to_numpy()

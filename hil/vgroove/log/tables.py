@@ -47,14 +47,15 @@ def as_list(items: Any) -> list[Any]:
 def _raw(item: Any) -> RawColumns:
     """The named columns of a table."""
     if isinstance(item, Mapping):
-        return RawColumns(SOURCE, [str(name) for name in item], item.__getitem__)
+        keys = {str(key): key for key in item}  # a number may be a name
+        return RawColumns(SOURCE, list(keys), lambda name: item[keys[name]])
     if isinstance(item, np.ndarray) and item.dtype.names:
         return RawColumns(SOURCE, list(item.dtype.names), item.__getitem__)
     if not hasattr(item, "columns") or not hasattr(item, "__getitem__"):
         raise VgrooveError(
             f"a log is a path, a vgroove.log.Log, a DataFrame or a dict of arrays, not {item!r:.60}"
         )
-    columns = {str(name): name for name in item.columns}  # a number may be a name
+    columns = {str(name): name for name in item.columns}
     index = getattr(getattr(item, "index", None), "name", None)
     if index is None or str(index) in columns:
         return RawColumns(SOURCE, list(columns), lambda name: item[columns[name]])

@@ -20,6 +20,7 @@ from vgroove.output import check_outputs, write_all
 from vgroove.progress import seconds_bar
 from vgroove.real_time.exchange import COMPLETE, RealTimeRun, run_in_real_time
 from vgroove.real_time.figures import (
+    LEAST_EXCHANGES,
     clock_sentence,
     late_sentence,
     timing_figures,
@@ -118,7 +119,7 @@ def _reason(error: BaseException) -> str:
 
 def _print_end(run: RealTimeRun, options: HilOptions, errors: Console) -> None:
     """Print why an incomplete run ended and how many of its exchanges are in its files."""
-    if run.ended == COMPLETE or len(run.exchanges) < 2:
+    if run.ended == COMPLETE or len(run.exchanges) < LEAST_EXCHANGES:
         return
     paths = (options.output, options.json_path, options.timing)
     files = ", ".join(str(path) for path in paths if path)
@@ -133,7 +134,7 @@ def _write(run: RealTimeRun, options: HilOptions, errors: Console) -> dict[str, 
         log.add(bytes(run.telemetry))
         print_line(errors, f"{log.close()} rows in {options.output}")
     _print_end(run, options, errors)
-    if len(run.exchanges) < 2:
+    if len(run.exchanges) < LEAST_EXCHANGES:
         return {}
     figures = timing_figures(run)
     files = []

@@ -52,8 +52,11 @@ def quantiles(values: np.ndarray) -> dict[str, float]:
     return {name: float(np.percentile(values, share)) for name, share in QUANTILES}
 
 
+LEAST_EXCHANGES = 3  # a latency spans three exchanges
+
+
 def timing_figures(run: RealTimeRun) -> dict[str, Any]:
-    """All figures of a run with at least two exchanges."""
+    """All figures of a run with at least LEAST_EXCHANGES exchanges."""
     exchanges = run.exchanges
     received = np.array([e.received_s for e in exchanges])
     board = np.array([e.board_s for e in exchanges])

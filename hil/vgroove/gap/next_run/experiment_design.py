@@ -21,6 +21,9 @@ from vgroove.units import RPM_PER_RAD_S
 MAX_RIVALS = 3  # tied sets that a run must separate from the best set; bounds the time
 MAX_DIFFERENCE = 100.0  # sigma; differences of a sample are clipped here
 MAX_SLOPE = 1e6  # sigma per scaled parameter; derivatives are clipped here
+# a tool goes both ways where a command or speed is below 0 by this share of its largest magnitude,
+# in at least this share of the samples
+BACKWARD_SHARE, LEAST_BACKWARD = 0.05, 0.01
 PRECISION = 1e-10  # relative: smaller singular values of the information matrix count as 0
 # judged column -> simulated quantity and its factor; an angle is judged through its derivative, a
 # coarse one in rad
@@ -103,7 +106,19 @@ def runs_of(problem: Problem) -> list[RunProfile]:
     commands = np.concatenate([np.asarray(log.columns[kind], float) for log in problem.logs])
     loads = [np.nanmax(np.abs(log.columns.get("load_nm", [0.0]))) for log in problem.logs]
     loaded = problem.rig.load["kind"] == "torque" and max(loads) > 0.0
-    return feasible_profiles(kind == "duty", loaded, bool(np.nanmin(commands) < 0.0))
+    # a current that brakes is negative although the tool turns one way
+    speeds = [log.columns["speed_rpm"] for log in problem.logs if "speed_rpm" in log.columns]
+    turns = np.concatenate(speeds) if kind == "current_a" and speeds else commands
+    return feasible_profiles(kind == "duty", loaded, goes_both_ways(turns))
+
+
+def goes_both_ways(values: np.ndarray) -> bool:
+    """Whether commands or speeds (n,) are below 0 by more than noise (BACKWARD_SHARE) for more than
+    an event (LEAST_BACKWARD).
+    """
+    known = values[np.isfinite(values)]
+    backward = known < -BACKWARD_SHARE * np.max(np.abs(known), initial=0.0)
+    return bool(len(known)) and float(np.mean(backward)) >= LEAST_BACKWARD
 
 
 def simulation_input(problem: Problem, profile: RunProfile) -> _core.LogInput:

@@ -183,15 +183,17 @@ def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
     if not _is_command(time_s, level):
         raise VgrooveError(
             f"{source}: points of next_experiment begin at 0 s, go on in time to {PROFILE_S:g} s"
-            " at most, and lie in -1..1"
+            " at most, lie in -1..1, and are not all 0"
         )
     return replace(profile, time_s=tuple(time_s.tolist()), level=tuple(level.tolist()))
 
 
 def _is_command(time_s: np.ndarray, level: np.ndarray) -> bool:
-    """Whether points (n,) begin at 0, increase in time up to PROFILE_S, and lie in -1..1."""
+    """Whether points (n,) begin at 0, increase in time up to PROFILE_S, lie in -1..1, and drive."""
     return (
         len(time_s) >= 2
+        and bool(np.isfinite([time_s, level]).all())
+        and bool(np.any(level != 0.0))
         and time_s[0] == 0.0
         and not np.any(np.diff(time_s) <= 0.0)
         and not time_s[-1] > PROFILE_S
