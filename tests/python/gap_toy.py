@@ -116,6 +116,7 @@ class Toy:
     difference_factor = 1.0
     sigma_is_bound = False
     is_whitened = False
+    has_lanes = True
 
     def __init__(
         self,

@@ -10,11 +10,13 @@ import pytest
 from impact_logs import PARAMETERS, impact_rig, plant_log, ramp
 from vgroove.gap import DiagnosisOptions
 from vgroove.gap.residual.huber import huber_loss
+from vgroove.gap.residual.impact import problem as impact_problem
 from vgroove.gap.residual.impact import start_angle
 from vgroove.gap.residual.impact.impact_run import FirstSpans, ImpactRun
 from vgroove.gap.residual.impact.roughness import roughness_responses
 from vgroove.gap.residual.impact.start_angle import with_starts
 from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.retuned_again import retune_again
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.selection.single_effects import fit_single_effects
@@ -179,3 +181,20 @@ def test_the_search_follows_the_first_spans_and_ends_at_the_minimum_of_the_whole
         start_angle.HUBER_SIGMAS,
     )
     assert loss[20] <= loss.min() + 0.5
+
+
+def test_a_set_that_was_simulated_is_kept_within_the_memory_allowed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = impact_rig()
+    problem = load_problem([plant_log(rig, {}, 5, step(0.9, 1.0))], rig)
+    theta = problem.theta0 * (1.0 + 1e-6 * np.arange(4)[:, None])
+    first = problem.residuals(theta)
+    monkeypatch.setattr(Problem, "residuals", lambda *_: pytest.fail("simulated again"))
+    assert np.array_equal(problem.residuals(theta[[3, 0, 0, 2]]), first[[3, 0, 0, 2]])
+    monkeypatch.undo()
+    monkeypatch.setattr(impact_problem, "KEPT_BYTES", 2 * problem.n * theta.itemsize)
+    other = replace(problem)
+    assert np.allclose(other.residuals(theta), first, atol=1e-9)
+    assert len(other._kept) == 2
+    assert np.allclose(other.residuals(theta[::-1]), first[::-1], atol=1e-9)

@@ -233,7 +233,8 @@ class Engine:
             if not active:
                 break
             self.differentiate([one for one in active if not one.jacobian_is_at_x])
-            improving = self._advance(active, round_, round_ + 1 < rounds.stop)
+            ahead = self.problem.has_lanes and round_ + 1 < rounds.stop
+            improving = self._advance(active, round_, ahead)
             for one, still in zip(active, improving, strict=True):
                 one.improving = still
         for one in fits:

@@ -101,6 +101,7 @@ class Problem:
     difference_factor: ClassVar[float] = 1.0  # of the steps of the finite differences of a fit
     sigma_is_bound: ClassVar[bool] = False
     is_whitened: ClassVar[bool] = False
+    has_lanes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

@@ -77,6 +77,11 @@ class MeasuredProblem(Protocol):
         """
         ...
 
+    @property
+    def has_lanes(self) -> bool:
+        """Whether a few parameter sets are simulated together in the time of one (SIMD lanes)."""
+        ...
+
     def index(self, name: str) -> int:
         """Column of a parameter in theta."""
         ...

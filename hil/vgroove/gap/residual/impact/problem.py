@@ -26,6 +26,7 @@ from vgroove.gap.residual.impact.start_angle import profiled_starts, with_starts
 from vgroove.gap.residual.problem import UNFINISHED_RESIDUAL, PortionLimits, Problem, Traces
 from vgroove.gap.residual.restart_angles import RestartAngles
 
+KEPT_BYTES = 64_000_000  # of residual vectors of parameter sets that were simulated
 OF_LOG = ", log "  # in the name of a value that one log has for itself
 
 
@@ -57,6 +58,25 @@ class ImpactProblem(Problem):
     difference_factor: ClassVar[float] = 4.0
     sigma_is_bound: ClassVar[bool] = True
     is_whitened: ClassVar[bool] = True
+    has_lanes: ClassVar[bool] = False
+
+    @cached_property
+    def _kept(self) -> dict[bytes, np.ndarray]:
+        """Residuals (n,) of the parameter sets that were simulated last, by their bytes."""
+        return {}
+
+    def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
+        """As Problem.residuals(): a set that a fit meets again is not simulated again."""
+        theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
+        keys, kept = [one.tobytes() for one in theta], self._kept
+        new = {key: place for place, key in enumerate(keys) if key not in kept}
+        if new:
+            found = super().residuals(theta[list(new.values())], angles)
+            kept.update(zip(new, found, strict=True))
+        rows = np.stack([kept[key] for key in keys])
+        while len(kept) * self.n * rows.itemsize > KEPT_BYTES:
+            del kept[next(iter(kept))]
+        return rows
 
     @cached_property
     def parameters(self) -> list[str]:
