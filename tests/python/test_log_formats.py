@@ -943,6 +943,26 @@ def test_a_mat_file_of_version_5_is_read(tmp_path: Path) -> None:
     assert same(read_log(tmp_path / "b.mat", column_map(FOREIGN)), log, 1e-9)
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_structure_with_time_of_simulink_is_read(count: int, tmp_path: Path) -> None:
+    log = sample()
+    kind = [("values", object), ("dimensions", object), ("label", object), ("blockName", object)]
+    signals = np.zeros((1, 3), dtype=kind)
+    texts = (("I", "tool/Motor/Scope"), ("", "tool/Speed in rpm"), ("", ""))
+    names = ("current_a", "speed_rpm", "duty")
+    for k, (name, (label, block)) in enumerate(zip(names, texts, strict=True)):
+        signals[0, k] = (log[name][:, None], 1.0, label, block)
+    if count == 1:
+        signals = signals[:, :1].copy()
+        signals[0, 0]["values"] = np.stack([log[name] for name in names], axis=1)
+    out = {"time": log.time_s[:, None], "signals": signals, "blockName": "tool/Scope"}
+    savemat(tmp_path / "a.mat", {"ScopeData": out})
+    columns = ("I", "Speed in rpm", "signal_3") if count == 3 else ("I_1", "I_2", "I_3")
+    maps = [f"{column}={name}" for column, name in zip(columns, names, strict=True)]
+    back = read_log(tmp_path / "a.mat", column_map(["time:s=time_s", *maps]))
+    assert same(back, replace(log, columns={name: log[name] for name in names}))
+
+
 def test_a_mat_file_of_version_7_3_is_read(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     log, path = sample(), tmp_path / "a.mat"

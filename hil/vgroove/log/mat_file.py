@@ -1,5 +1,6 @@
-"""MAT logs: variables of MATLAB, or fields of a struct, that are vectors; versions 5 to 7 by scipy,
-version 7.3 (HDF5) by h5py.
+"""MAT logs: variables of MATLAB, or fields of a struct, that are vectors, and what the blocks To
+Workspace and Scope of Simulink save as "Structure With Time"; versions 5 to 7 by scipy, version 7.3
+(HDF5) by h5py.
 """
 
 from pathlib import Path
@@ -53,11 +54,26 @@ def _vectors(path: Path) -> dict[str, np.ndarray]:
 def _collect(name: str, value: Any, found: dict[str, np.ndarray]) -> None:
     """Add the vectors of a variable, of the fields of a struct, of the columns of a matrix."""
     array = np.asarray(value)
-    if array.dtype.names and array.size == 1:
+    if array.size == 1 and {"time", "signals"} <= set(array.dtype.names or ()):
+        _collect(f"{name}.time", array["time"].item(), found)
+        _collect_signals(name, np.atleast_1d(array["signals"].item()), found)
+    elif array.dtype.names and array.size == 1:
         for field in array.dtype.names:
             _collect(f"{name}.{field}", array[field].item(), found)
     elif array.dtype.kind in "biuf" and array.size > 1:
         _add(name, array.squeeze(), found)
+
+
+def _collect_signals(name: str, signals: np.ndarray, found: dict[str, np.ndarray]) -> None:
+    """Add the values of the signals of a "Structure With Time": a struct array with the fields
+    values, label and blockName. A signal without label has the name of its block, or its number.
+    """
+    for number, signal in enumerate(signals, 1):
+        fields = signal.dtype.names or ()
+        # scipy reads an empty text as an empty array
+        texts = [signal[f] for f in ("label", "blockName") if f in fields and np.size(signal[f])]
+        label = next((str(text) for text in texts if str(text)), f"signal_{number}")
+        _collect(f"{name}.{label.rpartition('/')[2]}", signal["values"], found)
 
 
 def _add(name: str, array: np.ndarray, found: dict[str, np.ndarray]) -> None:
