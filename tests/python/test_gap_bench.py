@@ -35,6 +35,7 @@ SIMULATED_PLANS = {
     "report": "e80cce0869cae8d89baba95ce233bea2c373e7ba707332ee12686eafddd1436c",
 }
 R = ["bridge_resistance", "winding_resistance"]  # equivalent effects
+HAMMERING = ("exact_drive_signals", "exact_bench_channels", "loose_all")
 
 
 def scored(
@@ -543,3 +544,17 @@ def test_the_generator_lists_the_cases_of_a_regime(tmp_path: Path) -> None:
     numbers = [number for number, _ in json.loads(done.stdout)]
     simulated = len(simulated_plan("tune"))
     assert numbers == list(range(simulated, simulated + MEASURED_SERIES * sum(MEASURED.values())))
+
+
+def test_the_rates_of_a_hammering_tool_are_apart_by_regime_and_bench_channels() -> None:
+    table = [
+        scored(["lug_wear"], "effect", ["lug_wear"], bench=False),
+        scored(["lug_wear"], "effect", ["spring_rate"], bench=False),
+        scored(["lug_wear"], "effect", ["lug_wear"], bench=True),
+        scored([], "none", [], bench=True, regime="loose"),
+        scored(["lug_wear"], "none", [], bench=False, regime="loose"),
+        scored(["lug_wear"], "none", []),  # a case of the drivetrain
+    ]
+    found = score.rates(table)
+    hits = {key: (found[key]["hits"], found[key]["of"]) for key in found if key in HAMMERING}
+    assert hits == dict(zip(HAMMERING, ((1, 2), (1, 1), (1, 2)), strict=True))

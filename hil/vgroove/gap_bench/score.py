@@ -45,10 +45,19 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
         "false_alarms": rate(c.outcome != "none" for c in cases if c.kind == "none"),
         "ambiguous_though_separable": rate(c.outcome == "ambiguous" for c in clear),
         "failed": rate(c.outcome == "failed" for c in cases),
-        "with_bench_channels": rate(c.right for c in cases if c.answer.get("bench")),
-        "without_bench_channels": rate(
-            c.right for c in cases if "bench" in c.answer and not c.answer["bench"]
-        ),
+        **hammering_rates([c for c in cases if "bench" in c.answer]),
+    }
+
+
+def hammering_rates(cases: Sequence[Scored]) -> dict[str, Any]:
+    """Right verdicts of a hammering tool: with exact rigs, from drive signals alone and with
+    channels of a test bench; with a joint or tool that is not known.
+    """
+    exact = [c for c in cases if c.answer["regime"] == "exact"]
+    return {
+        "exact_drive_signals": rate(c.right for c in exact if not c.answer["bench"]),
+        "exact_bench_channels": rate(c.right for c in exact if c.answer["bench"]),
+        "loose_all": rate(c.right for c in cases if c.answer["regime"] == "loose"),
     }
 
 
