@@ -36,8 +36,10 @@ class _Writer:
 
     def write(self, name: str, raw: int, index: int, sequence: int) -> None:
         """Write one parameter; VgrooveError where the board refuses it or does not answer."""
+        # another time in each frame: the board takes one of equal sequence and CRC for a repetition
+        now_ms = time.monotonic_ns() // 1_000_000 & 0xFFFFFFFF
         frame = telemetry.frame_of_signals(
-            "PARAM_WRITE", 0, write_index=index, write_value=raw, write_sequence=sequence
+            "PARAM_WRITE", now_ms, write_index=index, write_value=raw, write_sequence=sequence
         )
         for _ in range(TRIES):
             self.bus.write(telemetry.frame_bytes(frame))

@@ -91,6 +91,9 @@ NextPath = Annotated[
         "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
     ),
 ]
+ScenarioSeed = Annotated[
+    int | None, typer.Option(min=0, max=2**31 - 1, help="Instead of the scenario's seed.")
+]
 FaultAt = Annotated[
     str | None,
     typer.Option(metavar="NAME@T", help="Inject a fault at the time T in s (docs/faults.md)."),
@@ -262,7 +265,7 @@ def run(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
+    seed: ScenarioSeed = None,
     target: Annotated[str, typer.Option(help="Board of --on avr: uno or mega.")] = "uno",
     elf: Annotated[
         Path | None, typer.Option(help="Firmware; without: the one that `make build` makes.")
@@ -358,7 +361,7 @@ def hil(
     timing: Annotated[
         Path | None, typer.Option(help="Write the times of every exchange as CSV.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
+    seed: ScenarioSeed = None,
     baud: Annotated[int, typer.Option(min=1, help="Baud rate of --port.")] = 1_000_000,
     kernel_workers: Annotated[
         bool,

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from rich.console import Group, RenderableType
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -116,7 +117,7 @@ def counters_line(recording: Recording) -> Table:
     colour = "red" if counters.lost + counters.corrupt else "green"
     losses = f"{counters.lost} lost, {counters.corrupt} corrupt, {counters.skipped_bytes} B skipped"
     table.add_row(
-        f"[bold]{recording.output.name}[/]",
+        f"[bold]{escape(recording.output.name)}[/]",
         f"{recording.recorded_s:8.1f} s",
         f"{counters.fast} samples",
         f"[{colour}]{losses}[/]",

@@ -36,7 +36,7 @@ def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarra
     starts = np.maximum(time_s - ROW_S, 0.0)
     travel = interpolate_points(profile.travel, starts)
     pressed = travel >= profile.contact_travel
-    sign = np.where(step_values(profile.reverse, starts) > 0.0, -1.0, 1.0)
+    sign = np.where(step_values(profile.reverse, starts) > 0.5, -1.0, 1.0)
     return {
         "duty": np.where(pressed, sign * travel, 0.0),
         "coast": np.where(pressed, 0.0, 1.0),

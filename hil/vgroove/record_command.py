@@ -2,6 +2,8 @@
 signal or a hang-up.
 """
 
+import math
+
 from rich.console import Console
 from rich.live import Live
 
@@ -31,6 +33,8 @@ def record_with_progress(recording: Recording, plot: bool = False) -> None:
     raises it, and for `plot` without a terminal.
     """
     console = Console(stderr=True)
+    if recording.seconds is not None and not math.isfinite(recording.seconds):
+        raise VgrooveError(f"--seconds is a number of seconds, not {recording.seconds:g}")
     if plot and not console.is_terminal:
         raise VgrooveError(
             "--plot draws on the terminal, but stderr is a file or a pipe: leave --plot out, or "

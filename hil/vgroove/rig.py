@@ -208,6 +208,8 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise VgrooveError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise VgrooveError(f"{path}: is not a text file") from error
+    except ValueError as error:
+        raise VgrooveError(f"{path!r}: is no path: {error}") from error
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -238,7 +240,7 @@ def read_joints(paths: Sequence[str | Path], rig: Rig, logs: int) -> list[Rig]:
         if set(data) - {"schema", "name"} != {"load"}:
             raise VgrooveError(f"{path}: a joint is a file with the table [load] alone")
         kept = {k: v for k, v in rig.tolerance.items() if not k.startswith("load.")}
-        same = data["load"].get("kind") == rig.load["kind"]
+        same = _table(data["load"], str(path), "load").get("kind") == rig.load["kind"]
         table = rig.as_dict() | {"load": data["load"]}
         table["tolerance"] = rig.tolerance if same else kept
         tools.append(rig_from_dict(table, str(path)))
@@ -340,11 +342,12 @@ def _kind_section(
     values: Any, kinds: Mapping[str, Mapping[str, Key]], source: str, where: str
 ) -> dict[str, Any]:
     values = _table(values, source, where)
-    if values.get("kind") not in kinds:
+    kind = values.get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
         raise VgrooveError(
-            f"{source}: {where}.kind must be one of {', '.join(kinds)}, not {values.get('kind')!r}"
+            f"{source}: {where}.kind must be one of {', '.join(kinds)}, not {kind!r}"
         )
-    return _section(values, {"kind": choice(*kinds), **kinds[values["kind"]]}, source, where)
+    return _section(values, {"kind": choice(*kinds), **kinds[kind]}, source, where)
 
 
 def _check_tolerance(rig: Rig, source: str) -> None:

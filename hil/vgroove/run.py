@@ -202,20 +202,46 @@ class RunLog:
             self._file.add_frame(frame)
         self._file.add_rows(self._session.take_rows(None if last else self._session.ready_until()))
 
+    @property
+    def restart_text(self) -> str:
+        """What a restart of the board has left out of the log; empty without one."""
+        if self._session.restarted:
+            at_s = self._session.last_ms / 1000
+            return f"{telemetry.BOARD_RESTARTED} at {at_s:g} s: what follows is not in the log"
+        if self._session.counters.restarts:
+            return f"{telemetry.BOARD_RESTARTED}: what it sent before is not in the log"
+        return ""
+
     def close(self) -> int:
-        """Complete the file; returns its number of rows, without which no file is left."""
+        """Complete the file; returns its number of rows, without which no file is left. Where it
+        cannot be completed, the rows that it holds are kept, and VgrooveError names their file.
+        """
         if self._closed:
             return self._file.rows
-        with self._named_error(), signals_held():
+        with signals_held():
             self._closed = True
             try:
-                self._write(last=True)
-                self._file.finish()
-                if self._file.rows:
-                    self._file.publish()
-                return self._file.rows
-            finally:
-                self._file.discard()
+                with self._named_error():
+                    self._write(last=True)
+                    self._file.finish()
+            except (VgrooveError, MemoryError) as error:
+                raise VgrooveError(f"{str(error) or 'out of memory'} {self._salvaged()}") from error
+            with self._named_error():
+                return self._publish()
+
+    def _publish(self) -> int:
+        """Give the part file its name, or delete it where it has no rows; returns their number."""
+        if self._file.rows:
+            self._file.publish()
+        self._file.discard()
+        return self._file.rows
+
+    def _salvaged(self) -> str:
+        """Keep the rows that the file holds; a sentence on them."""
+        with self._named_error():
+            self._file.salvage()
+            rows = self._publish()
+        return f"{rows} rows are in {self._file.path}." if rows else "No row was written."
 
 
 @contextmanager
@@ -238,6 +264,17 @@ def _run_log(path: Path | None, errors: Console) -> Iterator[RunLog | None]:
         raise
 
 
+def _check_times(scenario: Scenario, injection: Injection | None) -> None:
+    """VgrooveError for a fault or a command that would come after the end of the run."""
+    late = [(f"--fault {injection.fault.name}", injection.at_s)] if injection else []
+    late += [(f"the command {one.frame}", one.time_s) for one in scenario.commands]
+    for what, time_s in late:
+        if time_s >= scenario.duration_s:
+            raise VgrooveError(
+                f"{what} at {time_s:g} s is after the end of the run, {scenario.duration_s:g} s"
+            )
+
+
 def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: Console) -> None:
     """Run a scenario and write its log. On Ctrl-C, a terminate signal or a hang-up
     (KeyboardInterrupt, Terminated) the log holds what the board had sent until then.
@@ -247,12 +284,15 @@ def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: 
     check_outputs(
         (options.output, options.stats, options.eeprom), (scenario.rig_path, Path(scenario.source))
     )
+    _check_times(scenario, options.injection)
     begin, written = time.monotonic(), ""
     with interrupt_on_signals(), _run_log(options.output, errors) as log:
         with seconds_bar(scenario.duration_s, console=errors) as bar:
             sent = _run_in_lockstep(scenario, options, log, out, bar)
         if log is not None:
             written = f", {log.close()} rows in {options.output}"
+            if log.restart_text:
+                print_warning(errors, log.restart_text)
     for sentence in refused_modes(scenario.commands, sent):
         print_warning(errors, sentence)
     took = time.monotonic() - begin

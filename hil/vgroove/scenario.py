@@ -154,6 +154,7 @@ TOP_KEYS: dict[str, Callable[[Any, str], Any]] = {
     "noise": _flag,
 }
 SECTIONS = ("trigger", "load", "effects", "command")
+TORQUE_LOADS = ("torque", "chuck")  # of rigs, on which the torque of a scenario acts
 LOAD_KEYS: dict[str, Callable[[Any, str], Any]] = {"torque_nm": _points(-1000.0, 1000.0)}
 
 
@@ -194,7 +195,9 @@ def _command(entry: Any, where: str) -> Command:
     }
     _no_unknown(entry, {"time_s": 0, "frame": 0, **signals}, where)
     values = {
-        name: _number(s.minimum, s.maximum)(entry.get(name), f"{where}.{name}")
+        name: (_whole if s.scale == 1 and not s.is_float else _number)(s.minimum, s.maximum)(
+            entry.get(name), f"{where}.{name}"
+        )
         for name, s in signals.items()
     }
     return Command(
@@ -208,12 +211,18 @@ def _needed(data: Mapping[str, Any], key: str, source: str) -> Any:
     return data[key]
 
 
-def _check_free_output(tool: Rig, source: str) -> None:
-    """VgrooveError for a tool whose load makes its own torque, beside a stated torque."""
-    if tool.load["kind"] in JOINTS:
+def _check_free_output(tool: Rig, torque_nm: Sequence[Sequence[float]], source: str) -> None:
+    """VgrooveError for a tool on whose load the torques (n, 2) in s and N m would not act."""
+    kind = tool.load["kind"]
+    if kind in JOINTS:
+        raise _error(
+            source, f"load.torque_nm acts on a free output, but a {kind} makes its own torque"
+        )
+    if kind not in TORQUE_LOADS and any(torque != 0.0 for _, torque in torque_nm):
         raise _error(
             source,
-            f"load.torque_nm acts on a free output, but a {tool.load['kind']} makes its own torque",
+            f'load.torque_nm needs a rig with [load] kind = "torque": with "{kind}" it would not '
+            "act",
         )
 
 
@@ -230,11 +239,15 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     }
     rig_path = folder / _needed(top, "rig", source)
     rig = read_rig(rig_path)
-    tool = without_board_effects(rig).with_effects(data.get("effects", {}))
+    effects = data.get("effects", {})
+    tables = effects.values() if isinstance(effects, Mapping) else [effects]
+    if not all(isinstance(one, Mapping) for one in tables):
+        raise _error(source, "effects are tables: [effects.NAME] with the parameters of the effect")
+    tool = without_board_effects(rig).with_effects(effects)
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)
     if load:
-        _check_free_output(tool, source)
+        _check_free_output(tool, load["torque_nm"], source)
     profile = Profile(
         mode=top.pop("mode", 0), **trigger, **({"load_nm": load["torque_nm"]} if load else {})
     )

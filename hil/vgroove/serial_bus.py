@@ -1,5 +1,6 @@
 """python-can's serial bus to the board, which continues after damaged bytes."""
 
+import io
 import os
 import select
 import subprocess
@@ -55,7 +56,10 @@ class PortReader:
         self._port, self._process = port, None
         if os.name != "posix":
             return
-        descriptor = port.fileno()
+        try:
+            descriptor = port.fileno()
+        except io.UnsupportedOperation:  # the port of a network, rfc2217://
+            return
         self._process = subprocess.Popen(
             [sys.executable, "-S", "-c", PUMP, str(descriptor)],
             stdin=subprocess.DEVNULL,

@@ -2,8 +2,10 @@
 record`, Ctrl-C, unusable options, the lock-step interface.
 """
 
+import errno
 import fcntl
 import os
+import re
 import select
 import signal
 import struct
@@ -14,11 +16,18 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from vgroove import lockstep, telemetry
+from vgroove import lockstep, recording_files, telemetry
 from vgroove.board import BoardInputs, BoardOutputs, default_elf
+from vgroove.cli import app
+from vgroove.errors import VgrooveError
 from vgroove.log import read_log
 from vgroove.pty_line import PtyLine
+from vgroove.rig import read_rig
+from vgroove.run import RunLog
+from vgroove.scenario import make_plant, without_board_effects
+from vgroove.sil import SilBoard
 from warm_cli import warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -300,3 +309,50 @@ def test_an_eeprom_image_survives_the_native_run(tmp_path: Path) -> None:
     image.write_bytes(b"\xff" * 5)
     refused = warm_vgroove("run", scenario, "--eeprom", image)
     assert refused.returncode == 2 and "1024 bytes, not 5" in refused.stderr
+
+
+def board_bytes() -> bytes:
+    """What the native firmware sends in a short run."""
+    with SilBoard() as board:
+        tool = make_plant(without_board_effects(read_rig(ROOT / "rigs" / "board_18v.toml")), 1)
+        return lockstep.run(board, tool, lockstep.Profile(), 0.4)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".mf4"])
+def test_a_log_that_cannot_be_completed_keeps_its_rows(
+    ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = RunLog(tmp_path / f"run{ending}")
+    log.add(board_bytes())
+    if ending == ".mf4":
+        monkeypatch.setattr(recording_files, "convert_csv_to_mf4", fails_for_memory)
+    else:
+        monkeypatch.setattr(recording_files.CsvFile, "finish", fails_for_space)
+    kept = tmp_path / ("run.mf4.csv" if ending == ".mf4" else "run.csv")
+    with pytest.raises(VgrooveError, match=rf"rows are in {re.escape(str(kept))}"):
+        log.close()
+    assert len(read_log(kept)) > 100
+    assert not [path for path in tmp_path.iterdir() if "part" in path.name]
+
+
+def fails_for_memory(*_: object) -> None:
+    raise MemoryError
+
+
+def fails_for_space(*_: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--fault", "hall_open@5"], "--fault hall_open at 5 s is after the end of the run"),
+        (["--seed", str(2**64)], "Invalid value for '--seed'"),
+    ],
+)
+def test_what_a_run_would_ignore_is_refused(
+    options: list[str], sentence: str, tmp_path: Path
+) -> None:
+    found = CliRunner().invoke(app, ["run", str(short_scenario(tmp_path, 0.2)), *options])
+    assert found.exit_code != 0
+    assert sentence in " ".join(f"{found.output} {found.exception}".replace("│", " ").split())

@@ -33,9 +33,15 @@ frame = "DUMP"
 """
 
 
+LOADED = '[load]\nkind = "torque"'
+
+
 def written(tmp_path: Path, text: str = GOOD) -> Path:
+    """A scenario of the board's rig with a free output."""
+    rig = (ROOT / "rigs" / "board_18v.toml").read_text().replace('[load]\nkind = "none"', LOADED)
+    (tmp_path / "rig.toml").write_text(rig)
     path = tmp_path / "scenario.toml"
-    path.write_text(text.replace("{rig}", str(ROOT / "rigs" / "board_18v.toml")))
+    path.write_text(text.replace("{rig}", "rig.toml"))
     return path
 
 
@@ -86,7 +92,7 @@ def test_effects_of_the_scenario_change_the_simulated_and_not_the_assumed_tool(
         ("[[0.0, 0.0], [0.5, 1.0]]", "[[0.5, 0.0], [0.2, 1.0]]", "its time 0.2 s comes before"),
         ("scenario/1", "scenario/2", 'this version reads "vgroove.scenario/1"'),
         ('"DUMP"', '"DUMPS"', "has no inbound frame DUMPS; the nearest known one is DUMP"),
-        ('"DUMP"', '"PARAM_READ"', "read_index: must be a number from 0 to 255, not None"),
+        ('"DUMP"', '"PARAM_READ"', "read_index: must be a whole number from 0"),
         ('"DUMP"', '"DUMP"\nspeed = 1', "unknown key speed"),
         ("coulomb_friction", "coulomb_frictoin", "coulomb_friction"),
         ("seed = 3", "seed = ", "is not TOML"),
@@ -109,6 +115,36 @@ def test_a_torque_beside_a_joint_is_refused(tmp_path: Path) -> None:
         read_scenario(written(tmp_path, text))
     without = text.replace("[load]\ntorque_nm = [[0.0, 0.0], [1.0, 0.5]]\n", "")
     assert read_scenario(written(tmp_path, without)).rig.load["kind"] == "hard_joint"
+
+
+@pytest.mark.parametrize(("torque_nm", "refused"), [(0.0, False), (0.3, True)])
+def test_a_torque_that_would_not_act_is_refused(
+    torque_nm: float, refused: bool, tmp_path: Path
+) -> None:
+    text = GOOD.replace("{rig}", str(ROOT / "rigs" / "board_18v.toml"))
+    path = written(tmp_path, text.replace("[1.0, 0.5]", f"[1.0, {torque_nm}]"))
+    if refused:
+        with pytest.raises(VgrooveError, match='with "none" it would not act'):
+            read_scenario(path)
+    else:
+        assert read_scenario(path).profile.load_nm[-1] == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("torque_nm = 0.02", "torque_nm = [1, 2]", "torque_nm"),
+        ("[effects.coulomb_friction]\ntorque_nm = 0.02", "[effects]\ndead_time = 5", "effects are"),
+        ('frame = "DUMP"', 'frame = "SET_MODE"\nmode_request = 1.5', "must be a whole number"),
+        ("{rig}", "a\\u0000b", "is no path"),
+    ],
+)
+def test_values_of_another_type_are_refused_in_a_sentence(
+    old: str, new: str, sentence: str, tmp_path: Path
+) -> None:
+    assert old in GOOD
+    with pytest.raises(VgrooveError, match=sentence):
+        read_scenario(written(tmp_path, GOOD.replace(old, new)))
 
 
 def test_missing_files_are_errors_with_a_message(tmp_path: Path) -> None:

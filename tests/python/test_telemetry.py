@@ -616,3 +616,22 @@ def test_python_can_reads_the_undamaged_stream(tmp_path: Path) -> None:
     fast = [m for m in messages if m.arbitration_id == telemetry.FAST]
     counters = [m.data[6] >> 4 for m in fast]
     assert len(fast) > 500 and all((b - a) % 16 == 1 for a, b in itertools.pairwise(counters))
+
+
+def test_a_restart_after_final_rows_ends_the_run_and_no_time_goes_back() -> None:
+    first, second = Board(), Board()
+    frames = frames_of(first.run(1000, moving(first)) + second.run(500, moving(second)))
+    lost = [f for f in frames if f.id != telemetry.PARAM_TABLE]  # no dump is complete
+    for needs_boot in (True, False):
+        session, times = telemetry.Session(needs_boot=needs_boot), []
+        for k in range(0, len(lost), 50):
+            session.feed(lost[k : k + 50])
+            times += session.take_rows(session.ready_until())["time_s"].tolist()
+        times += session.take_rows()["time_s"].tolist()
+        assert np.all(np.diff(times) > 0.0)
+        assert session.restarted is not needs_boot
+        assert len(times) == session.counters.fast == (500 if needs_boot else 1000)
+    late = telemetry.Session()
+    late.feed(lost[:1])
+    late.last_ms += 6000  # long after the start
+    assert not late.may_start_over

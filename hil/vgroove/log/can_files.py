@@ -104,30 +104,43 @@ def _log_from_messages(path: Path, messages: Iterable[Any], likely_ms: Iterable[
     """A CAN recording decoded with the signal list. Where the file keeps only time differences, the
     board's time is recovered from the CRCs, `likely_ms` offsets first.
     """
-    session = telemetry.Session(needs_boot=False)
     frames, likely_ms = _telemetry_frames(messages), list(likely_ms)
     offset = telemetry.time_offset(frames, likely_ms) or 0
     frames = [frame._replace(time_ms=(frame.time_ms + offset) & 0xFFFFFFFF) for frame in frames]
     intact = [frame for frame in frames if telemetry.frame_crc(*frame) == frame.data[7]]
-    session.counters.frames = len(intact)
-    session.counters.corrupt = len(frames) - len(intact)
     if not intact:
         raise VgrooveError(
             f"{path}: holds no intact telemetry frame of a vgroove board "
             f"({len(frames)} frames with its ids)."
         )
-    session.feed(intact)
+    session, left_out = _longest_run(intact)
+    session.counters.frames = len(intact)
+    session.counters.corrupt += len(frames) - len(intact)
     log = log_from_session(session, str(path))
     if offset not in likely_ms:
         log.warnings.append(
             f"{path}: keeps only time differences: the start of time_s may not be the board's."
         )
-    log.warnings += _session_warnings(session, log)
+    log.warnings += _session_warnings(session, log, left_out)
     return checked(log)
 
 
-def _session_warnings(session: telemetry.Session, log: Log) -> list[str]:
-    """Losses and restarts of a recording."""
+def _longest_run(frames: list[telemetry.Frame]) -> tuple[telemetry.Session, int]:
+    """The run of the board with the most rows, the first of equal ones, and the number of rows of
+    the other runs: a restart of the board ends a run.
+    """
+    runs = [telemetry.Session(needs_boot=False)]
+    for frame in frames:
+        runs[-1].feed([frame])
+        if runs[-1].restarted:
+            runs.append(telemetry.Session(needs_boot=False))
+            runs[-1].feed([frame])
+    longest = max(runs, key=lambda run: run.counters.fast)
+    return longest, sum(run.counters.fast for run in runs) - longest.counters.fast
+
+
+def _session_warnings(session: telemetry.Session, log: Log, left_out: int) -> list[str]:
+    """Losses of a recording, and its rows that were left out because the board restarted."""
     found, counters, path = [], session.counters, log.source
     if counters.corrupt or counters.lost:
         found.append(
@@ -135,10 +148,10 @@ def _session_warnings(session: telemetry.Session, log: Log) -> list[str]:
         )
     if session.boot is None:
         found.append(f"{path}: holds no BOOT frame: duty 1 is taken as compare value 255.")
-    if session.restarted:
-        end_s = log.time_s[-1] if len(log) else 0
+    if left_out:
         found.append(
-            f"{path}: {telemetry.BOARD_RESTARTED} at {end_s:.3f} s, what follows is left out."
+            f"{path}: {telemetry.BOARD_RESTARTED}: the longest run is read, {left_out} rows of "
+            "others are left out."
         )
     return found
 

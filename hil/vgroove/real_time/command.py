@@ -133,6 +133,8 @@ def _write(run: RealTimeRun, options: HilOptions, errors: Console) -> dict[str, 
         log = RunLog(options.output)
         log.add(bytes(run.telemetry))
         print_line(errors, f"{log.close()} rows in {options.output}")
+        if log.restart_text:
+            print_warning(errors, log.restart_text)
     _print_end(run, options, errors)
     if len(run.exchanges) < LEAST_EXCHANGES:
         return {}

@@ -30,6 +30,7 @@ TIME_MODULUS = 1 << 32  # of the frames' time in ms
 BACKWARD_MS = 1 << 31  # a larger step of the modular time is a step backward: a restart
 JUMP_MS = 10_000  # a larger gap in time needs a second frame that confirms it
 CONFIRM_MS = 1000  # the second frame is at most this much later
+START_OVER_MS = 5000  # after the first BOOT frame: a later restart of the board ends the run
 # A tick signal is the low byte of the time since which the values of its frame hold; the frame is
 # less than this later.
 TICK_MODULUS_MS = 256
@@ -173,14 +174,22 @@ class Session:
         elif frame.id == HEALTH:
             self.health = decode_integers(frame)
 
-    def _restart(self, frame: Frame) -> None:
-        """The board's time stepped backward. Before the parameters were complete nothing is lost by
-        starting over; afterwards the run ends here.
+    @property
+    def may_start_over(self) -> bool:
+        """Whether a restart of the board begins the run anew, as that of opening the port does:
+        until the parameters are complete, for a short time. No row is final before.
         """
+        if not self.needs_boot or self.table is not None:
+            return False
+        return self.last_ms is None or self.last_ms - self.first_ms < START_OVER_MS
+
+    def _restart(self, frame: Frame) -> None:
+        """The board's time stepped backward: the run starts over, or ends here."""
         self.counters.restarts += 1
-        if frame.id != BOOT or self.table is not None:
+        if frame.id != BOOT or not self.may_start_over:
             self.restarted = True
             return
+        self.counters.fast -= len(self._fast)
         self._fast, self._held, self._last_fast = [], _held_frames(), None
         self.first_ms = self.last_ms = frame.time_ms
         self._add_boot(frame)
@@ -249,7 +258,9 @@ class Session:
 
     def ready_until(self) -> int:
         """Tick (ms) up to which rows are final: no frame that concerns them can follow."""
-        return -1 if self.last_ms is None else self.last_ms - TICK_MODULUS_MS
+        if self.last_ms is None or self.may_start_over:
+            return -1
+        return self.last_ms - TICK_MODULUS_MS
 
     def take_rows(self, until_ms: int | None = None) -> dict[str, np.ndarray]:
         """Remove and return the rows up to a tick (None: all), as columns `time_s` and COLUMNS."""

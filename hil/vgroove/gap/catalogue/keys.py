@@ -25,8 +25,13 @@ class Key:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a TOML value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether a TOML value is a finite number; a whole number may be too large for a float."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def number(words: str, holds: Callable[[float], bool]) -> Key:
