@@ -11,6 +11,7 @@ from made_log import rig
 from vgroove import _core
 from vgroove.gap.residual.input_uncertainty import (
     MeasuredInput,
+    full_volt,
     input_sigma,
     on_smooth_ramps,
     one_row_share,
@@ -43,20 +44,26 @@ def current_of(command: np.ndarray, delay_rows: int = 0) -> np.ndarray:
     return np.roll(run["current_a"][0], delay_rows) + noise
 
 
+def given(current_a: np.ndarray | None) -> MeasuredInput:
+    """The rounded command with a measured current."""
+    volts = full_volt(tool(), {})
+    return MeasuredInput(TIME_S, ROUNDED, current_a=current_a, full_volt=volts)
+
+
 @pytest.mark.parametrize("delay_rows", [0, 3])
 def test_a_command_that_ran_as_logged_has_little_uncertainty(delay_rows: int) -> None:
-    assert ramp_sigma(tool(), TIME_S, ROUNDED, current_of(ROUNDED, delay_rows)) < 0.5 * FULL
+    assert ramp_sigma(tool(), given(current_of(ROUNDED, delay_rows))) < 0.5 * FULL
 
 
 def test_a_rounded_column_has_the_uncertainty_of_its_rounding() -> None:
-    assert ramp_sigma(tool(), TIME_S, ROUNDED, current_of(WAVE)) > 0.75 * FULL
+    assert ramp_sigma(tool(), given(current_of(WAVE))) > 0.75 * FULL
 
 
 def test_without_a_current_or_its_noise_the_uncertainty_is_that_of_rounding() -> None:
-    assert ramp_sigma(tool(), TIME_S, ROUNDED, None) == pytest.approx(FULL, rel=1e-3)
+    assert ramp_sigma(tool(), given(None)) == pytest.approx(FULL, rel=1e-3)
     silent = rig(input={"kind": "duty", "slew_per_s": 10.0})
     del silent.sensors["current_noise_a"]
-    assert ramp_sigma(silent, TIME_S, ROUNDED, current_of(ROUNDED)) == pytest.approx(FULL, rel=1e-3)
+    assert ramp_sigma(silent, given(current_of(ROUNDED))) == pytest.approx(FULL, rel=1e-3)
 
 
 def test_steps_are_no_ramps() -> None:
@@ -75,7 +82,9 @@ def test_a_winding_follows_a_constant_and_half_of_one_rows_error() -> None:
 
 def test_uncertainty_grows_only_where_the_command_changes() -> None:
     stairs = np.where(TIME_S < 3.0, 0.2, WAVE)
-    speed, current, _ = input_sigma(tool(), MeasuredInput(TIME_S, stairs))
+    speed, current, _ = input_sigma(
+        tool(), MeasuredInput(TIME_S, stairs, full_volt=full_volt(tool(), {}))
+    )
     still, moving = TIME_S < 2.9, TIME_S > 3.1
     assert (
         current[moving].min() > 10.0 * max(current[still].max(), 1e-9)

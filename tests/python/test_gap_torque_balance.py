@@ -465,7 +465,7 @@ def test_a_model_worse_than_none_fails_unless_the_reference_effects_explain_it(
     """Errors as shares of the measured signal."""
     problem = measured_signals(
         n=8,
-        signals=[SimpleNamespace(column="speed_rpm", edges=False)],
+        signals=[SimpleNamespace(unit="A", column="speed_rpm", edges=False)],
         signal=np.zeros(8, int),
         censored=np.zeros(8, bool),
         measured=np.full(8, 100.0),
@@ -477,7 +477,7 @@ def test_a_model_worse_than_none_fails_unless_the_reference_effects_explain_it(
     exact = [SimpleNamespace(out_of_fold=np.zeros(8))] * 2
     assert forward_simulation_fails(SimpleNamespace(nominal=exact[0]), uncertain, exact[1])
     edges = measured_signals(**vars(uncertain))
-    edges.signals = [SimpleNamespace(column="speed_rpm", edges=True)]
+    edges.signals = [SimpleNamespace(unit="A", column="speed_rpm", edges=True)]
     assert not forward_simulation_fails(SimpleNamespace(nominal=fits[0]), edges, fits[1])
 
 

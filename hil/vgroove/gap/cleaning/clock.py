@@ -70,9 +70,10 @@ def row_numbers(time_s: np.ndarray, interval_s: float) -> np.ndarray:
 def is_rounding(time_s: np.ndarray, grid: np.ndarray) -> bool:
     """Whether the stamps (n,) differ from the grid (n,) only by rounding to a decimal digit."""
     interval = float(np.median(np.diff(grid)))
+    spacing = 4.0 * np.spacing(np.abs(time_s).max())  # of seconds since 1970: 1e-6
     for digit in 10.0 ** -np.array(LIMITS.decimals, dtype=float):
         error = np.abs(np.round(time_s / digit) * digit - time_s)
-        if np.all(error < LIMITS.digit_mismatch * digit):
+        if np.all(error < LIMITS.digit_mismatch * digit + spacing):
             return bool(
                 digit > LIMITS.finest_rounding * interval
                 and np.abs(time_s - grid).max() < LIMITS.rounding_error * digit

@@ -53,10 +53,15 @@ LIMITS = ReductionLimits()
 
 def reduce_long_logs(logs: Sequence[Log], rig: Rig, max_rows: int = LIMITS.max_rows) -> list[Log]:
     """The logs; where they have more than max_rows rows together, the longest of them are reduced
-    and say so in a warning.
+    and say so in a warning. A reduced log stays as it is.
     """
     limit = rows_each([len(log.time_s) for log in logs], max_rows)
-    return [reduce_log(log, rig, limit) if len(log.time_s) > limit else log for log in logs]
+    return [
+        reduce_log(log, rig, limit)
+        if len(log.time_s) > limit and SQUARE_A2 not in log.columns
+        else log
+        for log in logs
+    ]
 
 
 def rows_each(lengths: Sequence[int], max_rows: int) -> int:

@@ -113,6 +113,15 @@ def command_noise_sigma(values: np.ndarray) -> float:
     return sigma if sigma > 0.5 * resolution_of(finite) else 0.0
 
 
+def driving_current_sigma(rig: Rig, values: np.ndarray) -> float:
+    """Standard deviation in A of the noise of a current (n,) that drives the model: stated noise,
+    or the column's scatter, and the stated rounding.
+    """
+    noise = rig.sensors.get("current_noise_a")
+    noise = command_noise_sigma(values) if noise is None else noise
+    return float(np.hypot(noise, rig.sensors.get("current_lsb_a", 0.0) / UNIFORM_WIDTH_SIGMAS))
+
+
 def high_pass_residual(
     values: np.ndarray, window: int = FILTER_ROWS, order: int = FILTER_ORDER
 ) -> np.ndarray:

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove.gap.cleaning.sensor_noise import (
-    command_noise_sigma,
     divided_differences,
+    driving_current_sigma,
     resolution_of,
 )
 from vgroove.gap.residual.clean_log import CleanLog
@@ -100,10 +100,9 @@ def _hides_acceleration(log: CleanLog) -> bool:
 def _errs_more_than_the_input(log: CleanLog) -> bool:
     """Whether the measured angle has a larger standard deviation than the angle that the model
     computes from the noisy current, at the end of the time between two restarts. There the noise of
-    the current acts as white noise of the acceleration that is integrated twice. Its standard
-    deviation is that of the rig, or else the scatter of the current column.
+    the current acts as white noise of the acceleration that is integrated twice.
     """
-    noise_a = log.rig.sensors.get("current_noise_a", command_noise_sigma(log.columns["current_a"]))
+    noise_a = driving_current_sigma(log.rig, log.columns["current_a"])
     per_root_s3 = acceleration_sigma(log, noise_a) * np.sqrt(log.interval_s / 3.0)
     turned_rad = per_root_s3 * log.restart_s**1.5
     return bool(turned_rad < log.noise["position_rad"].sigma)

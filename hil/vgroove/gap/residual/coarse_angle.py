@@ -125,7 +125,8 @@ def _fast_rows(position: np.ndarray, step: float, follows: np.ndarray) -> np.nda
     """Rows (k,) before and after which the reading changes by several steps. The shaft is then so
     fast that the reading of a row is more precise than the instant of a change.
     """
-    several = (np.abs(np.diff(position)) >= SINGLE_STEP * step) & follows
+    moved = np.abs(np.diff(position))  # a shaft at rest shows no step
+    several = (moved >= SINGLE_STEP * step) & (moved > 0.0) & follows
     return 1 + np.flatnonzero(several[1:] & several[:-1])
 
 

@@ -3,6 +3,7 @@ columns are measured and rounded (an errors-in-variables model: Fuller, Measurem
 1987), and the nominal motor turns their errors into current and speed.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -16,10 +17,12 @@ from vgroove.gap.cleaning.sensor_noise import (
     UNIFORM_WIDTH_SIGMAS,
     column_sigma,
     decimal_resolution,
+    driving_current_sigma,
     high_pass_residual,
     residual_power_share,
     resolution_of,
 )
+from vgroove.gap.residual.magnitude import robust_magnitude
 from vgroove.rig import Rig
 
 
@@ -53,6 +56,7 @@ class MeasuredInput:
     current_a: np.ndarray | None = None  # measured; its samples may be missing
     denoised: DenoisedCommand | None = None  # a measured terminal or bus voltage with its noise
     bridge_closed: np.ndarray | bool = True  # (rows,) whether the voltage reaches the motor
+    full_volt: float = 1.0  # terminal voltage in V of a command of 1
 
 
 def input_sigma(
@@ -78,7 +82,7 @@ def input_sigma(
     impulse = (torque * dt / rig.shaft_inertia_kg_m2) ** 2
     variance, angle = _accumulated(impulse, np.exp(-decay * dt), dt, np.exp(-dt / restart_s))
     amps_per_rad_s = rig.motor["torque_constant_nm_per_a"] / rig.motor["resistance_ohm"]
-    constant = _constant_command_error(rig, given.command)
+    constant = _constant_command_error(rig, given)
     lasts = min(restart_s, float(np.ptp(given.time_s)))
     return (
         np.hypot(np.sqrt(variance), constant),
@@ -103,12 +107,12 @@ def _command_errors(
     none = np.zeros(len(given.time_s))
     constant = rig.motor["torque_constant_nm_per_a"]
     if rig.input["kind"] == "current_a":
-        return none, none + constant * rig.sensors.get("current_noise_a", 0.0)
+        return none, none + constant * driving_current_sigma(rig, given.command)
     if "slew_per_s" not in rig.input:
         return none, none
     changes = np.diff(given.command, prepend=given.command[0]) != 0.0
-    sigma = ramp_sigma(rig, given.time_s, given.command, given.current_a)
-    amps = changes * sigma * full_volt(rig) / rig.motor["resistance_ohm"]
+    sigma = ramp_sigma(rig, given)
+    amps = changes * sigma * given.full_volt / rig.motor["resistance_ohm"]
     return amps * one_row_share(rig, float(np.median(dt))), constant * amps
 
 
@@ -160,25 +164,30 @@ def _accumulated(
     return speed, angle
 
 
-def _constant_command_error(rig: Rig, command: np.ndarray) -> np.ndarray:
+def _constant_command_error(rig: Rig, given: MeasuredInput) -> np.ndarray:
     """Standard deviation (rows,) of the speed in rad/s from rounding of a command to its last
     digit; commands of 0 and of +-1 are exact.
     """
+    command = given.command
     inexact = (np.abs(command) != 0.0) & (np.abs(command) != 1.0)
     if rig.input["kind"] == "current_a":
         return 0.0 * inexact
     constant = rig.motor["torque_constant_nm_per_a"]
-    return decimal_resolution(command) / UNIFORM_WIDTH_SIGMAS * full_volt(rig) / constant * inexact
+    volts = decimal_resolution(command) / UNIFORM_WIDTH_SIGMAS * given.full_volt
+    return volts / constant * inexact
 
 
-def full_volt(rig: Rig) -> float:
-    """Terminal voltage in V of a command of 1."""
-    return rig.supply.get("voltage_v", 1.0) if rig.input["kind"] == "duty" else 1.0
+def full_volt(rig: Rig, columns: Mapping[str, np.ndarray]) -> float:
+    """Terminal voltage in V of a command of 1: of a duty that of the bus, measured or the rig's."""
+    if rig.input["kind"] != "duty":
+        return 1.0
+    stated = rig.supply.get("voltage_v", 1.0)
+    if not rig.bus_is_measured or "supply_v" not in columns:
+        return stated
+    return robust_magnitude(np.asarray(columns["supply_v"], float), stated)
 
 
-def ramp_sigma(
-    rig: Rig, time_s: np.ndarray, command: np.ndarray, current_a: np.ndarray | None
-) -> float:
+def ramp_sigma(rig: Rig, given: MeasuredInput) -> float:
     """Standard deviation of a ramp's command (rows,) at the end of a row, in its column's unit:
     that of rounding to the column's steps, reduced by the share of the rounding that the bridge
     really applied.
@@ -187,6 +196,7 @@ def ramp_sigma(
     logger rounded was applied unrounded. The measured current (rows,) separates the two: its
     high-frequency part follows the steps of the column only where they were applied.
     """
+    time_s, command, current_a = given.time_s, given.command, given.current_a
     rounded = resolution_of(command) / UNIFORM_WIDTH_SIGMAS
     if current_a is None or "current_noise_a" not in rig.sensors:
         return rounded
@@ -195,7 +205,7 @@ def ramp_sigma(
     if np.count_nonzero(rows) < ROUNDING.min_rows:
         return rounded
     response = winding_response(rig, float(np.median(np.diff(time_s))), command)
-    expected = high_pass_residual(full_volt(rig) / rig.motor["resistance_ohm"] * response)
+    expected = high_pass_residual(given.full_volt / rig.motor["resistance_ohm"] * response)
     lagged = np.stack(
         [np.roll(expected, lag)[rows] for lag in range(ROUNDING.max_lag_rows)], axis=1
     )

@@ -16,7 +16,7 @@ from vgroove.gap.cleaning.missing_values import (
 )
 from vgroove.gap.cleaning.sensor_noise import resolution_of
 from vgroove.gap.residual.clean_log import CleanLog
-from vgroove.gap.residual.input_uncertainty import MeasuredInput
+from vgroove.gap.residual.input_uncertainty import MeasuredInput, full_volt
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def read_input(log: CleanLog) -> DrivingInput:
     missing or cannot have driven the tool.
     """
     rig, time_s = log.rig, log.time_s
-    command = _before_rows(log, interpolate_to_known_levels(time_s, _command(log)))
+    command = before_rows(log, interpolate_to_known_levels(time_s, _command(log)))
     more: dict[str, Any] = {}
     if rig.bus_is_measured and log.kind == "duty":
         more["supply_v"] = _bus(log)
@@ -101,11 +101,12 @@ def read_input(log: CleanLog) -> DrivingInput:
         current_a=log.columns.get("current_a"),
         denoised=denoised,
         bridge_closed=_bridge_closed(log, more.get("coast")),
+        full_volt=full_volt(rig, log.columns),
     )
     return DrivingInput(columns, measured)
 
 
-def _before_rows(log: CleanLog, values: np.ndarray) -> np.ndarray:
+def before_rows(log: CleanLog, values: np.ndarray) -> np.ndarray:
     """Values of the bridge (rows,) in the intervals before their rows: shifted by one row where the
     rig's commands hold after them.
     """
@@ -122,7 +123,7 @@ def _open_bridge(log: CleanLog) -> np.ndarray:
     """
     coast = hold_last_value(log.columns["coast"])
     if log.kind == "current_a" or not log.rig.command_holds_after or not _coast_is_late(log):
-        return _before_rows(log, coast)
+        return before_rows(log, coast)
     log.warn(
         f"coast changes a row later than {log.kind} becomes 0 or ends to be 0: taken as the "
         "bridge's state in the interval that the row closes"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning.sensor_noise import divided_differences
+from vgroove.gap.cleaning.sensor_noise import divided_differences, driving_current_sigma
 from vgroove.gap.residual.angle_comparison import (
     acceleration_sigma,
     angle_step_rad,
@@ -96,7 +96,7 @@ def _force_channel(log: CleanLog, known: np.ndarray, sigma: float) -> ForceChann
     rows = _span_rows(time_s[known], position[known], sigma, DIFFERENCES.min_force_rows)
     first, middle, last = _even_triples(time_s, known, rows)
     length = 0.5 * (time_s[last] - time_s[first])
-    noise_a = log.rig.sensors.get("current_noise_a", 0.0)
+    noise_a = driving_current_sigma(log.rig, log.columns["current_a"])
     sigma_of_input = acceleration_sigma(log, noise_a) * np.sqrt(2.0 / 3.0 / rows)
     points = (InterpolationPoints.of(time_s, time_s[at]) for at in (first, middle, last))
     return ForceChannel(

@@ -292,13 +292,19 @@ class Problem:
         }
 
     def rms_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
-        """RMS of each measured signal in its unit over the rows that count in a gap."""
+        """RMS of each measured signal in its unit over the rows that count in a gap; of an angle
+        that is compared itself, from its first value in each log: its zero is any.
+        """
         mask = (self.judged if mask is None else mask) & ~self.censored
-        chosen = [mask & (self.signal == k) for k in range(len(self.signals))]
-        return {
-            s.column: float(np.sqrt(np.mean(self.measured[m] ** 2))) if m.any() else 0.0
-            for s, m in zip(self.signals, chosen, strict=True)
-        }
+        found = {}
+        for k, signal in enumerate(self.signals):
+            rows = np.flatnonzero(mask & (self.signal == k))
+            values = self.measured[rows]
+            if signal.unit == "rad" and len(rows):
+                _, first, log = np.unique(self.log[rows], return_index=True, return_inverse=True)
+                values = values - values[first][log]
+            found[signal.column] = float(np.sqrt(np.mean(values**2))) if len(rows) else 0.0
+        return found
 
     def floor_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
         """RMS that sensor noise alone leaves in each signal, in its unit."""

@@ -13,6 +13,7 @@ from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges
 from vgroove.gap.residual.channels import AngleChannel, Channel
 from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.inputs import before_rows
 from vgroove.gap.residual.local_polynomial import NEIGHBOURS, KnownForce, Observations, row_means
 from vgroove.gap.residual.restarts import StateObserver
 from vgroove.rig import Rig
@@ -148,7 +149,8 @@ def _with_current_input(
     """Observer of a log whose input is a current: the motor's torque is a known force."""
     rig, force = log.rig, hold_last_value(log.columns["current_a"])
     if speed is not None:
-        rate = rig.motor["torque_constant_nm_per_a"] * force / rig.shaft_inertia_kg_m2
+        driving = before_rows(log, force)
+        rate = rig.motor["torque_constant_nm_per_a"] * driving / rig.shaft_inertia_kg_m2
         speed = replace(speed, known_force=KnownForce(log.time_s, rate))
     return StateObserver(
         speed, None, angle_at, lambda t, w, dw: float(np.interp(t, log.time_s, force)), from_angle

@@ -367,7 +367,7 @@ def _torque_channel(run: MeasuredRun, rig: Rig, motion: HeldMotion) -> TorqueCha
     begin, end, acceleration, sigma = found
     gain = rig.motor["torque_constant_nm_per_a"]
     if rig.input["kind"] != "current_a":
-        gain *= full_volt(rig) / rig.motor["resistance_ohm"]
+        gain *= full_volt(rig, run.log.columns) / rig.motor["resistance_ohm"]
     return TorqueChannel(
         "torque_nm",
         "N m",
@@ -398,16 +398,17 @@ def _input_torque_sigma(run: MeasuredRun, rig: Rig) -> float:
     if kind == "current_a":
         return constant * run.noise["current_a"].sigma
     noise = command_noise_sigma(values)
-    return constant / rig.motor["resistance_ohm"] * full_volt(rig) * noise
+    return constant / rig.motor["resistance_ohm"] * full_volt(rig, run.log.columns) * noise
 
 
-def _steady_current(rig: Rig, command: np.ndarray, back_emf: np.ndarray) -> np.ndarray:
-    """Current (m,) in A of the nominal motor once the winding's transient has decayed, at values
-    (m,) of the driving column and a back-EMF in V; where the current is the column, that column.
+def _steady_current(run: MeasuredRun, rig: Rig, back_emf: np.ndarray) -> np.ndarray:
+    """Current (m,) in A of the nominal motor once the winding's transient has decayed, at the
+    driving column's values (m,) and a back-EMF in V; where the current is the column, that column.
     """
+    command = run.driving.command
     if rig.input["kind"] == "current_a":
         return command
-    return (command * full_volt(rig) - back_emf) / rig.motor["resistance_ohm"]
+    return (command * full_volt(rig, run.log.columns) - back_emf) / rig.motor["resistance_ohm"]
 
 
 def _driving_torque(
@@ -415,7 +416,7 @@ def _driving_torque(
 ) -> np.ndarray:
     """Mean torque (m,) in N m of the nominal motor over spans of rows."""
     back_emf = rig.motor["torque_constant_nm_per_a"] * motion.mean_speed
-    current = _steady_current(rig, run.driving.command, back_emf)
+    current = _steady_current(run, rig, back_emf)
     time_s = np.asarray(run.log.time_s, float)
     mean = _span_means(current, time_s, begin, end)
     return rig.motor["torque_constant_nm_per_a"] * mean

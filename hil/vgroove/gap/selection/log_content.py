@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vgroove.gap.catalogue import MIN_PERIODS, Effect, Scales, available
-from vgroove.gap.cleaning.missing_values import interpolate_missing
+from vgroove.gap.cleaning.missing_values import has_values, interpolate_missing
 from vgroove.gap.fitting.hypothesis import least_share
 from vgroove.gap.residual.magnitude import robust_magnitude
 from vgroove.gap.residual.problem import Problem
@@ -40,9 +40,9 @@ def measured_speed(problem: Problem, j: int) -> np.ndarray:
     are absent.
     """
     log = problem.logs[j]
-    if "speed_rpm" in log.columns:
+    if has_values(log.columns, "speed_rpm"):
         return fill_rows(np.asarray(log.columns["speed_rpm"], float)) * RAD_S_PER_RPM
-    if "position_rad" in log.columns:
+    if has_values(log.columns, "position_rad"):
         angle = fill_rows(np.asarray(log.columns["position_rad"], float))
         return np.gradient(angle, np.asarray(log.time_s, float))
     return np.zeros(len(log.time_s))
@@ -79,7 +79,8 @@ def angles(problem: Problem) -> list[np.ndarray]:
     """Angle of the motor from the start of each log (rows,), rad; none where a log shows neither
     speed nor angle.
     """
-    if any(not {"speed_rpm", "position_rad"} & set(log.columns) for log in problem.logs):
+    moves = ("speed_rpm", "position_rad")
+    if any(not any(has_values(log.columns, name) for name in moves) for log in problem.logs):
         return []
     steps = [np.diff(np.asarray(log.time_s, float), prepend=log.time_s[0]) for log in problem.logs]
     return [np.cumsum(measured_speed(problem, j) * step) for j, step in enumerate(steps)]
@@ -136,7 +137,7 @@ def resolved_periods(problem: Problem) -> float:
     counts_angle = any(s.edges or s.column == "position_rad" for s in problem.signals)
     if counts_angle or problem.rig.mechanism["kind"] == "impact":
         return np.inf
-    if any("speed_rpm" not in log.columns for log in problem.logs):
+    if any(not has_values(log.columns, "speed_rpm") for log in problem.logs):
         return np.inf
     return max(map(periods_of_rows, turns_between_samples(problem)))
 

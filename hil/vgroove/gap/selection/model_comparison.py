@@ -116,8 +116,9 @@ def make_blocks(rows: TimedRows, tested: np.ndarray, length_s: float, seed: int)
 
     Censored rows add to the squared residuals of their block but are not counted as samples.
     """
-    number = np.floor(rows.time_s / length_s).astype(int)
-    keys = rows.log.astype(np.int64) * (int(number.max()) + 2) + number
+    number = np.floor(rows.time_s / length_s).astype(np.int64)
+    number -= number.min()  # times before a trigger are negative
+    keys = rows.log.astype(np.int64) * (int(number.max()) + 1) + number
     _, cluster = np.unique(keys, return_inverse=True)
     samples = np.bincount(cluster, weights=(tested & ~rows.censored).astype(float))
     used = np.flatnonzero(samples)

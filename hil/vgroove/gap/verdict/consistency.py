@@ -151,7 +151,8 @@ def size_response(search: Search, best: Fit, effect_id: str) -> np.ndarray:
     column = search.problem.index(BY_ID[effect_id].name(BY_ID[effect_id].leading))
     theta = best.theta(search.problem.theta0)
     theta[column] = search.problem.theta0[column]
-    without = search.engine.weighted(search.problem.residuals(theta[None, :])[0])
+    engine = search.engine
+    without = engine.weighted(search.problem.residuals(theta[None, :], engine.angles)[0])
     secant = best.residual - without
     rows, first = search.blocks.tested, best.hypothesis.count
     both = np.column_stack([tangent, secant])[rows]

@@ -69,7 +69,8 @@ def moving_mean(values: np.ndarray) -> np.ndarray:
 def heat(current: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     """Squared current (n,), A^2 s, through a first-order low pass of HEAT_TIME_S."""
     out, level = np.zeros(len(time_s)), 0.0
+    kept = np.exp(-np.diff(time_s) / HEAT_TIME_S)
     for n in range(1, len(time_s)):
-        level += (time_s[n] - time_s[n - 1]) * (current[n] ** 2 - level / HEAT_TIME_S)
+        level = kept[n - 1] * level + (1.0 - kept[n - 1]) * HEAT_TIME_S * current[n] ** 2
         out[n] = level
     return out

@@ -4,7 +4,7 @@ import numpy as np
 
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.intervals import Estimate
-from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means, make_blocks
+from vgroove.gap.selection.model_comparison import Blocks, block_sums, make_blocks
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict.schema import Gap, SignalGap
 
@@ -61,11 +61,22 @@ def closed_interval(search: Search, shown: Fit) -> list[float] | None:
         return None
     blocks = make_blocks(problem, problem.judged, search.blocks.length_s, search.seed)
     before, after = (
-        np.sqrt(bootstrap_means(blocks, block_sums(blocks, np.nan_to_num(problem.squared(r)))))
-        for r in (search.gap_residual(f) for f in (search.nominal, shown))
+        np.sqrt(_drawn_means(blocks, problem.squared(search.gap_residual(f))))
+        for f in (search.nominal, shown)
     )
     share = (before - after) / np.maximum(before - floor, MIN_SAMPLE_GAP)
     return [float(q) for q in np.quantile(np.clip(share, 0.0, 1.0), QUANTILES_95)]
+
+
+def _drawn_means(blocks: Blocks, squared: np.ndarray) -> np.ndarray:
+    """Mean (draws,) of squares (n,) over the rows of each bootstrap sample that count: a respected
+    bound is nan.
+    """
+    sums, counts = (
+        blocks.draws @ block_sums(blocks, values)
+        for values in (np.nan_to_num(squared), np.isfinite(squared).astype(float))
+    )
+    return sums / np.maximum(counts, 1.0)
 
 
 def signal_gaps(search: Search, shown: Fit) -> dict[str, SignalGap]:

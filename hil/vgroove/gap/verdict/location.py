@@ -199,7 +199,8 @@ def largest_share(shares: dict[str, float]) -> str | None:
 def regime_shares(search: Search) -> list[RegimeShare]:
     """Share of each regime in the nominal model's squared gap above the noise, largest first."""
     residual, tested = search.nominal.out_of_fold, search.blocks.tested
-    square = clipped_squares(residual, COMPARISON.clip_sigma) - search.floor_power
+    noise = search.floor_power * ~search.problem.censored  # a bound that is kept has none
+    square = clipped_squares(residual, COMPARISON.clip_sigma) - noise
     powers = search.problem.power_by_regime(residual, np.where(tested, square, 0.0))
     sums = {name: max(0.0, power) for name, power in powers.items()}
     total = sum(sums.values())

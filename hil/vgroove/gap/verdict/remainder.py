@@ -218,8 +218,9 @@ def correlate_shares(search: Search, covariates: Covariates) -> list[CorrelateSh
     each signal alone, largest first; small shares are left out.
     """
     residuals = SignalResiduals.of(search, search.retuned)
+    counted = search.blocks.tested & ~search.problem.censored
     tested = residuals.value[search.blocks.tested]
-    total = float((tested**2 - search.floor_power).sum())
+    total = float((tested**2).sum() - search.floor_power * counted.sum())
     found = []
     for covariate in measured_covariates(covariates) if total > 0.0 else []:
         for k in residuals.signals_for(covariate):
