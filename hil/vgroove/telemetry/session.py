@@ -176,7 +176,7 @@ class Session:
 
     @property
     def may_start_over(self) -> bool:
-        """Whether a restart of the board begins the run anew, as that of opening the port does:
+        """Whether the run starts over at a restart of the board, as that of opening the port is:
         until the parameters are complete, for a short time. No row is final before.
         """
         if not self.needs_boot or self.table is not None:
