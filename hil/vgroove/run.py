@@ -197,9 +197,10 @@ class RunLog:
     def _write(self, last: bool) -> None:
         frames = self._framer.feed(bytes(self._bytes))
         self._bytes.clear()
-        self._session.feed(frames)
         for frame in frames:
-            self._file.add_frame(frame)
+            self._session.feed([frame])
+            if not self._session.restarted:
+                self._file.add_frame(frame)
         self._file.add_rows(self._session.take_rows(None if last else self._session.ready_until()))
 
     @property
@@ -225,7 +226,8 @@ class RunLog:
                     self._write(last=True)
                     self._file.finish()
             except (VgrooveError, MemoryError) as error:
-                raise VgrooveError(f"{str(error) or 'out of memory'} {self._salvaged()}") from error
+                reason = (str(error) or f"{self._path}: out of memory").rstrip(".")
+                raise VgrooveError(f"{reason}; {self._salvaged()}") from error
             with self._named_error():
                 return self._publish()
 
@@ -237,11 +239,14 @@ class RunLog:
         return self._file.rows
 
     def _salvaged(self) -> str:
-        """Keep the rows that the file holds; a sentence on them."""
-        with self._named_error():
+        """Keep the rows that the file holds; where they are."""
+        try:
             self._file.salvage()
             rows = self._publish()
-        return f"{rows} rows are in {self._file.path}." if rows else "No row was written."
+        except OSError:
+            self._file.release()
+            return f"what was received is in {self._file.part}"
+        return f"{rows} rows are in {self._file.path}" if rows else "no row was written"
 
 
 @contextmanager
@@ -264,15 +269,13 @@ def _run_log(path: Path | None, errors: Console) -> Iterator[RunLog | None]:
         raise
 
 
-def _check_times(scenario: Scenario, injection: Injection | None) -> None:
-    """VgrooveError for a fault or a command that would come after the end of the run."""
-    late = [(f"--fault {injection.fault.name}", injection.at_s)] if injection else []
-    late += [(f"the command {one.frame}", one.time_s) for one in scenario.commands]
-    for what, time_s in late:
-        if time_s >= scenario.duration_s:
-            raise VgrooveError(
-                f"{what} at {time_s:g} s is after the end of the run, {scenario.duration_s:g} s"
-            )
+def _check_fault(scenario: Scenario, injection: Injection | None) -> None:
+    """VgrooveError for a fault that would come after the end of the run."""
+    if injection and injection.at_s >= scenario.duration_s:
+        raise VgrooveError(
+            f"--fault {injection.fault.name} at {injection.at_s:g} s is after the end of the run, "
+            f"{scenario.duration_s:g} s"
+        )
 
 
 def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: Console) -> None:
@@ -284,7 +287,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: 
     check_outputs(
         (options.output, options.stats, options.eeprom), (scenario.rig_path, Path(scenario.source))
     )
-    _check_times(scenario, options.injection)
+    _check_fault(scenario, options.injection)
     begin, written = time.monotonic(), ""
     with interrupt_on_signals(), _run_log(options.output, errors) as log:
         with seconds_bar(scenario.duration_s, console=errors) as bar:

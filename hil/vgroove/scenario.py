@@ -91,6 +91,8 @@ def _number(low: float, high: float) -> Callable[[Any, str], float]:
 
 def _whole(low: int, high: int) -> Callable[[Any, str], int]:
     def check(value: Any, where: str) -> int:
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
             raise _error(where, f"must be a whole number from {low} to {high}, not {value!r}")
         return value
@@ -252,13 +254,18 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
         mode=top.pop("mode", 0), **trigger, **({"load_nm": load["torque_nm"]} if load else {})
     )
     options = {key: top[key] for key in ("name", "seed", "temperature_c", "noise") if key in top}
-    duration_s = _needed(top, "duration_s", source)
+    duration_s, commands = _needed(top, "duration_s", source), _commands(data, source)
+    for one in commands:
+        if one.time_s >= duration_s:
+            raise _error(
+                source, f"the command {one.frame} at {one.time_s:g} s is after the end of the run"
+            )
     return Scenario(
         rig,
         tool,
         duration_s,
         profile,
-        commands=_commands(data, source),
+        commands=commands,
         source=source,
         rig_path=rig_path,
         **options,

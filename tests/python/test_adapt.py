@@ -174,6 +174,11 @@ def test_a_current_beyond_the_bytes_is_the_nearest_one_and_is_warned_of(
     assert all(text.startswith("targets of 60 to 62 N m") for text in warnings)
 
 
+def test_the_targets_of_a_warning_are_those_whose_values_do_not_fit() -> None:
+    rows = np.array([2, 20, 21, 22, 60])
+    assert maps._targets(rows) == "42 N m, 60 to 62 N m, 100 N m"
+
+
 def test_a_setpoint_that_the_board_cannot_hold_is_warned_of() -> None:
     needed = needed_setpoints(reference_rig(), SAME)
     assert beyond_range(needed) == []

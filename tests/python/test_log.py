@@ -20,7 +20,14 @@ from hypothesis import strategies as st
 from telemetry_board import ROOT, Board, eeprom_set, moving
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
-from vgroove.log import Log, current_is_unsigned, log_from_stream, read_log, write_csv
+from vgroove.log import (
+    Log,
+    can_files,
+    current_is_unsigned,
+    log_from_stream,
+    read_log,
+    write_csv,
+)
 
 PRACTICE = ROOT / "tests/data/practice/practice_001/log.csv"
 
@@ -536,6 +543,18 @@ def test_practice_log_is_read_without_warnings() -> None:
         and log.warnings == []
         and list(log.columns) == ["duty", "supply_v", "current_a", "speed_rpm"]
     )
+
+
+@pytest.mark.parametrize("without_boot", [False, True])
+def test_of_a_can_file_with_two_runs_the_longer_one_is_read(without_boot: bool) -> None:
+    short, long = Board(), Board()
+    frames = telemetry.Framer().feed(short.run(300, moving(short)))
+    second = telemetry.Framer().feed(long.run(900, moving(long)))
+    if without_boot:  # its first frames were lost
+        second = [f for f in second if f.id == telemetry.FAST]
+    run, left_out = can_files._longest_run([*frames, *second])
+    assert (run.counters.fast, left_out) == (900, 300)
+    assert run.counters.corrupt == 0
 
 
 @pytest.mark.parametrize("day", ["Die Dez 1 10:00:00.123 2026", "Tue Feb 30 10:00:00.123 2026"])

@@ -15,7 +15,7 @@ from vgroove.errors import VgrooveError
 from vgroove.log import Log, write_csv
 from vgroove.log_compare import LIMITS, Comparison, compare_logs
 from vgroove.log_compare.command import meets
-from vgroove.log_compare.report import first_sentence
+from vgroove.log_compare.report import cause_sentence, first_sentence
 from warm_cli import warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,6 +98,7 @@ def test_the_cause_where_an_input_and_an_output_differ_in_one_row(
     found = compare_logs(log_of(board_times()), other)
     assert set(found.first.columns) == {"current_a", output}
     assert (found.first.columns[0], found.cause) == (first, cause)
+    assert ("bridge command is equal" in cause_sentence(found)) == (cause == "input")
 
 
 def noise_log(seed: int, rows: int, scale: float = 1.0) -> Log:
@@ -118,6 +119,15 @@ def test_logs_that_hardly_overlap_are_not_explained_by_an_offset(
     found = compare_logs(noise_log(1, rows), noise_log(2, rows), limits)
     assert found.time_map.share == 0.0
     assert kinds(found)["current_a"] == kinds(found)["speed_rpm"] == "other"
+
+
+def test_a_long_pause_costs_no_memory_and_one_step_of_few_levels_is_quantisation() -> None:
+    a, b = log_of(board_times()), log_of(board_times())
+    for log in (a, b):
+        log.time_s = log.time_s + np.where(np.arange(ROWS) < 1000, 0.0, 1e9)
+    a.columns["supply_v"] = 18.0 + 0.025 * (np.arange(ROWS) % 4)
+    b.columns["supply_v"] = a.columns["supply_v"] + 0.025
+    assert kinds(compare_logs(a, b))["supply_v"] == "quantisation"
 
 
 @pytest.mark.parametrize("offset_s", [-0.3, -0.0123, 0.0, 0.0871, 0.4])

@@ -963,6 +963,22 @@ def test_a_structure_with_time_of_simulink_is_read(count: int, tmp_path: Path) -
     assert same(back, replace(log, columns={name: log[name] for name in names}))
 
 
+@pytest.mark.parametrize("kind", ["struct", "matrix"])
+def test_other_structs_with_a_field_signals_are_read_by_their_fields(
+    kind: str, tmp_path: Path
+) -> None:
+    log, names = sample(), ("current_a", "speed_rpm", "duty")
+    if kind == "struct":
+        signals, columns = {name: log[name] for name in names}, names
+    else:
+        signals = np.stack([log[name] for name in names], axis=1)
+        columns = tuple(f"signals_{k}" for k in (1, 2, 3))
+    savemat(tmp_path / "a.mat", {"data": {"time": log.time_s, "signals": signals}})
+    maps = [f"{column}={name}" for column, name in zip(columns, names, strict=True)]
+    back = read_log(tmp_path / "a.mat", column_map(["time:s=time_s", *maps]))
+    assert same(back, replace(log, columns={name: log[name] for name in names}))
+
+
 def test_a_mat_file_of_version_7_3_is_read(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     log, path = sample(), tmp_path / "a.mat"

@@ -136,6 +136,7 @@ def test_a_torque_that_would_not_act_is_refused(
         ("torque_nm = 0.02", "torque_nm = [1, 2]", "torque_nm"),
         ("[effects.coulomb_friction]\ntorque_nm = 0.02", "[effects]\ndead_time = 5", "effects are"),
         ('frame = "DUMP"', 'frame = "SET_MODE"\nmode_request = 1.5', "must be a whole number"),
+        ("time_s = 0.2", "time_s = 1.0", "DUMP at 1 s is after the end of the run"),
         ("{rig}", "a\\u0000b", "is no path"),
     ],
 )

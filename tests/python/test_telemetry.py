@@ -635,3 +635,8 @@ def test_a_restart_after_final_rows_ends_the_run_and_no_time_goes_back() -> None
     late.feed(lost[:1])
     late.last_ms += 6000  # long after the start
     assert not late.may_start_over
+    known = telemetry.Session()
+    known.feed(frames[:900])
+    assert known.table is not None
+    known.feed([frames[0]._replace(time_ms=frames[899].time_ms + 1)])  # the answer to a DUMP
+    assert known.table is None and not known.may_start_over

@@ -86,8 +86,11 @@ def beyond_range(table: dict[str, np.ndarray], run_v: float) -> list[str]:
 
 
 def _targets(rows: np.ndarray) -> str:
-    first, last = FIRST_NM + int(rows[0]), FIRST_NM + int(rows[-1])
-    return f"{first} N m" if first == last else f"{first} to {last} N m"
+    """Targets of rows (n,) in ascending order: 42 N m, 60 to 62 N m."""
+    runs = np.split(FIRST_NM + rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    return ", ".join(
+        f"{run[0]} N m" if len(run) == 1 else f"{run[0]} to {run[-1]} N m" for run in runs
+    )
 
 
 def flash_bytes(map_members: dict[str, np.ndarray]) -> bytes:

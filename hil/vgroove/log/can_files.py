@@ -130,11 +130,13 @@ def _longest_run(frames: list[telemetry.Frame]) -> tuple[telemetry.Session, int]
     the other runs: a restart of the board ends a run.
     """
     runs = [telemetry.Session(needs_boot=False)]
-    for frame in frames:
+    for before, frame in zip([None, *frames], frames, strict=False):
         runs[-1].feed([frame])
         if runs[-1].restarted:
+            # a frame other than BOOT is confirmed as a restart by the one after it
+            first = [before, frame] if before and frame.id != telemetry.BOOT else [frame]
             runs.append(telemetry.Session(needs_boot=False))
-            runs[-1].feed([frame])
+            runs[-1].feed(first)
     longest = max(runs, key=lambda run: run.counters.fast)
     return longest, sum(run.counters.fast for run in runs) - longest.counters.fast
 

@@ -54,9 +54,10 @@ def _vectors(path: Path) -> dict[str, np.ndarray]:
 def _collect(name: str, value: Any, found: dict[str, np.ndarray]) -> None:
     """Add the vectors of a variable, of the fields of a struct, of the columns of a matrix."""
     array = np.asarray(value)
-    if array.size == 1 and {"time", "signals"} <= set(array.dtype.names or ()):
+    signals = _signals_of_simulink(array)
+    if signals is not None:
         _collect(f"{name}.time", array["time"].item(), found)
-        _collect_signals(name, np.atleast_1d(array["signals"].item()), found)
+        _collect_signals(name, signals, found)
     elif array.dtype.names and array.size == 1:
         for field in array.dtype.names:
             _collect(f"{name}.{field}", array[field].item(), found)
@@ -64,16 +65,27 @@ def _collect(name: str, value: Any, found: dict[str, np.ndarray]) -> None:
         _add(name, array.squeeze(), found)
 
 
+def _signals_of_simulink(array: np.ndarray) -> np.ndarray | None:
+    """The signals of a "Structure With Time"; None for any other value."""
+    if array.size != 1 or not {"time", "signals"} <= set(array.dtype.names or ()):
+        return None
+    signals = np.atleast_1d(array["signals"].item())
+    return signals if "values" in (signals.dtype.names or ()) else None
+
+
 def _collect_signals(name: str, signals: np.ndarray, found: dict[str, np.ndarray]) -> None:
     """Add the values of the signals of a "Structure With Time": a struct array with the fields
-    values, label and blockName. A signal without label has the name of its block, or its number.
+    values, label and blockName. A signal without label has the name of its block, or its number;
+    its number is added to a name that another one has.
     """
     for number, signal in enumerate(signals, 1):
         fields = signal.dtype.names or ()
         # scipy reads an empty text as an empty array
         texts = [signal[f] for f in ("label", "blockName") if f in fields and np.size(signal[f])]
         label = next((str(text) for text in texts if str(text)), f"signal_{number}")
-        _collect(f"{name}.{label.rpartition('/')[2]}", signal["values"], found)
+        full = f"{name}.{label.rpartition('/')[2]}"
+        taken = any(other == full or other.startswith(f"{full}_") for other in found)
+        _collect(f"{full}_{number}" if taken else full, signal["values"], found)
 
 
 def _add(name: str, array: np.ndarray, found: dict[str, np.ndarray]) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.log_compare.limits import DISCRETE, Limits
+from vgroove.log_compare.limits import BRIDGE_COMMAND, DISCRETE, Limits
 
 EQUAL, QUANTISATION, TIMING, PARTLY, OTHER = (
     "equal",
@@ -45,14 +45,14 @@ def differs(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a != b) & ~(np.isnan(a) & np.isnan(b))
 
 
-def resolution(values: np.ndarray, limits: Limits) -> float:
-    """Step of the grid on which all values (n,) lie; 0 where there is none, or where they are too
-    few to show one.
+def resolution(values: np.ndarray, limits: Limits, least_values: int = 2) -> float:
+    """Step of the grid on which all values (n,) lie; 0 where there is none, or where fewer than
+    least_values different ones show it.
     """
     steps = np.diff(np.unique(values[np.isfinite(values)]))
     scale = float(np.nanmax(np.abs(values), initial=0.0))
     steps = steps[steps > 1e-9 * scale]
-    if len(steps) + 1 < limits.grid_values:
+    if len(steps) + 1 < least_values:
         return 0.0
     ratio = steps / steps.min()
     off = np.abs(ratio - np.round(ratio))
@@ -97,7 +97,9 @@ def signal_gap(pair: ColumnPair, limits: Limits) -> SignalGap:
     both = np.isfinite(a) & np.isfinite(b)
     gap = np.where(both, b - a, 0.0)
     first = int(np.argmax(different)) if different.any() else None
-    step = (resolution(a, limits) + resolution(b, limits)) / 2
+    least = limits.command_values if name in BRIDGE_COMMAND else 2
+    steps = [step for v in (a, b) if (step := resolution(v, limits, least)) > 0.0]
+    step = sum(steps) / len(steps) if steps else 0.0
     discrete = name in DISCRETE
     rms = _rms(gap[both])
     rms_aligned = None if discrete or aligned is None else _rms(_finite(aligned - a))

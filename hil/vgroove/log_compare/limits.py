@@ -32,9 +32,9 @@ class Limits:
     partly_share: float = 0.75
     # Of the samples with a value in both logs, those that a time offset must keep.
     overlap_share: float = 0.5
-    # Least number of values on a grid whose step is a resolution: a command of few levels has a
-    # step too, by which two commands differ.
-    grid_values: int = 8
+    # Least number of different values of a bridge command that show a resolution: one of few levels
+    # has a step too, by which two commands differ.
+    command_values: int = 8
     grid_tolerance: float = 0.05  # of a step: values are multiples of one resolution
     # Of the rows of the shorter log: below it, the compared rows describe a small part of the logs.
     few_share: float = 0.1

@@ -45,8 +45,8 @@ def cause_sentence(found: Comparison) -> str:
     """What the first difference says about the board."""
     if found.cause == "input":
         return (
-            "The board's inputs differ first, while its outputs are equal. What follows "
-            "in the outputs is the answer to other inputs."
+            "The board's inputs differ first, while its bridge command is equal. Outputs that "
+            "differ in this or later rows are the answer to other inputs."
         )
     if found.cause == "output":
         return (

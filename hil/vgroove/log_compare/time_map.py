@@ -15,6 +15,7 @@ from vgroove.log_compare.pairing import values_at
 
 ITERATIONS = 8
 MAX_DRIFT = 0.01  # 1 %: a larger one is not that of two clocks
+MAX_PAUSES = 4.0  # length of a log over that of its rows, up to which its even times are taken
 ROUNDING = 1e-9  # of a normalised cost: smaller differences of correlations are rounding
 
 
@@ -100,7 +101,11 @@ def _best_offset(fit: _Fit, limits: Limits) -> float:
     interval = float(np.median(np.diff(fit.a.time_s)))
     count = int(limits.max_shift_s / interval * (1.0 + 1e-9))
     offsets = interval * np.arange(-count, count + 1)
-    costs = _costs_on_grid(fit, interval, count)
+    if np.ptp(fit.a.time_s) > MAX_PAUSES * interval * len(fit.a):
+        # the even times of a log with long pauses are far more than its rows
+        costs = np.array([fit.cost(float(offset), 0.0) for offset in offsets])
+    else:
+        costs = _costs_on_grid(fit, interval, count)
     best = offsets[costs <= costs.min() * (1.0 + ROUNDING) + ROUNDING]
     return float(min(best, key=abs))
 

@@ -119,6 +119,7 @@ class Session:
     _held: dict[int, HeldSignals] = field(default_factory=_held_frames)
     _last_fast: tuple[int, int] | None = None
     _jumped: Frame | None = None  # its time jumped; the next frame confirms or refutes it
+    _final: bool = False  # whether a dump of the parameters was complete or a row was taken
 
     def feed(self, frames: Iterable[Frame]) -> None:
         """Add frames in the order of their arrival."""
@@ -179,7 +180,7 @@ class Session:
         """Whether the run starts over at a restart of the board, as that of opening the port is:
         until the parameters are complete, for a short time. No row is final before.
         """
-        if not self.needs_boot or self.table is not None:
+        if not self.needs_boot or self._final:
             return False
         return self.last_ms is None or self.last_ms - self.first_ms < START_OVER_MS
 
@@ -214,7 +215,7 @@ class Session:
         table = decode_integers(frame)
         complete = sorted(self.parameters) == list(range(table["table_count"]))
         if complete and self._dump_crc16() == table["table_crc16"]:
-            self.table = table
+            self.table, self._final = table, True
 
     def _dump_crc16(self) -> int:
         """CRC-16 over all received parameters by index, which is the order of a dump (the answer to
@@ -266,6 +267,7 @@ class Session:
         """Remove and return the rows up to a tick (None: all), as columns `time_s` and COLUMNS."""
         count = sum(1 for time_ms, _ in self._fast if until_ms is None or time_ms <= until_ms)
         taken, self._fast = self._fast[:count], self._fast[count:]
+        self._final = self._final or count > 0
         times = np.array([time_ms for time_ms, _ in taken], dtype=np.int64)
         full_scale = self.boot["duty_full_scale"] if self.boot else DUTY_FULL_SCALE
         columns = {"time_s": times / 1000}

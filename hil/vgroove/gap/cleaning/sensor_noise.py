@@ -114,12 +114,14 @@ def command_noise_sigma(values: np.ndarray) -> float:
 
 
 def driving_current_sigma(rig: Rig, values: np.ndarray) -> float:
-    """Standard deviation in A of the noise of a current (n,) that drives the model: stated noise,
-    or the column's scatter, and the stated rounding.
+    """Standard deviation in A of the noise of a current (n,) that drives the model: stated noise
+    and rounding, or the column's scatter, which contains its rounding.
     """
-    noise = rig.sensors.get("current_noise_a")
-    noise = command_noise_sigma(values) if noise is None else noise
-    return float(np.hypot(noise, rig.sensors.get("current_lsb_a", 0.0) / UNIFORM_WIDTH_SIGMAS))
+    stated = rig.sensors.get("current_noise_a")
+    rounding = rig.sensors.get("current_lsb_a", 0.0) / UNIFORM_WIDTH_SIGMAS
+    if stated is None:
+        return max(command_noise_sigma(values), rounding)
+    return float(np.hypot(stated, rounding))
 
 
 def high_pass_residual(

@@ -79,7 +79,9 @@ class MeasuredProblem(Protocol):
 
     @property
     def has_lanes(self) -> bool:
-        """Whether a few parameter sets are simulated together in the time of one (SIMD lanes)."""
+        """Whether a few parameter sets are simulated together in the time of one (SIMD lanes): a
+        fit then simulates the slopes after a step together with the step.
+        """
         ...
 
     def index(self, name: str) -> int:

@@ -147,13 +147,12 @@ def _with_current_input(
     log: CleanLog, speed: Observations | None, angle_at: AngleAt, from_angle: bool
 ) -> StateObserver:
     """Observer of a log whose input is a current: the motor's torque is a known force."""
-    rig, force = log.rig, hold_last_value(log.columns["current_a"])
+    rig, driving = log.rig, before_rows(log, hold_last_value(log.columns["current_a"]))
     if speed is not None:
-        driving = before_rows(log, force)
         rate = rig.motor["torque_constant_nm_per_a"] * driving / rig.shaft_inertia_kg_m2
         speed = replace(speed, known_force=KnownForce(log.time_s, rate))
     return StateObserver(
-        speed, None, angle_at, lambda t, w, dw: float(np.interp(t, log.time_s, force)), from_angle
+        speed, None, angle_at, lambda t, w, dw: float(np.interp(t, log.time_s, driving)), from_angle
     )
 
 

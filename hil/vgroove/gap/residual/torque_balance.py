@@ -408,7 +408,10 @@ def _steady_current(run: MeasuredRun, rig: Rig, back_emf: np.ndarray) -> np.ndar
     command = run.driving.command
     if rig.input["kind"] == "current_a":
         return command
-    return (command * full_volt(rig, run.log.columns) - back_emf) / rig.motor["resistance_ohm"]
+    volts = full_volt(rig, run.log.columns)
+    if rig.input["kind"] == "duty" and rig.bus_is_measured:
+        volts = interpolate_missing(run.log.time_s, run.log.columns["supply_v"])
+    return (command * volts - back_emf) / rig.motor["resistance_ohm"]
 
 
 def _driving_torque(

@@ -66,13 +66,17 @@ class ImpactProblem(Problem):
         return {}
 
     def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
-        """As Problem.residuals(): a set that a fit meets again is not simulated again."""
+        """As Problem.residuals(), which the angles do not change here: a set that a fit meets again
+        is not simulated again.
+        """
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         keys, kept = [one.tobytes() for one in theta], self._kept
         new = {key: place for place, key in enumerate(keys) if key not in kept}
         if new:
             found = super().residuals(theta[list(new.values())], angles)
-            kept.update(zip(new, found, strict=True))
+            kept.update((key, row.copy()) for key, row in zip(new, found, strict=True))
+        for key in keys:
+            kept[key] = kept.pop(key)  # to the end: the sets that were used first are dropped
         rows = np.stack([kept[key] for key in keys])
         while len(kept) * self.n * rows.itemsize > KEPT_BYTES:
             del kept[next(iter(kept))]
