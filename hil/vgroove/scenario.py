@@ -319,7 +319,7 @@ def with_joint(scenario: Scenario, joints: Sequence[Path]) -> Scenario:
         raise VgrooveError(f"--joint: {len(joints)} for one run: without --log give one")
     (tool,) = read_joints(joints, scenario.tool, 1)
     if any(torque_nm for _, torque_nm in scenario.profile.load_nm):
-        _check_free_output(tool, scenario.source)
+        _check_free_output(tool, scenario.profile.load_nm, scenario.source)
     return replace(scenario, tool=tool)
 
 

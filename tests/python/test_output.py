@@ -114,7 +114,8 @@ COMMANDS = [
     ("gap emps .", ("--json",)),
     ("sim none.toml --log none.csv", ("--json", "-o")),
     ("sim scenarios/spin_up.toml", ("--json", "-o")),
-    ("run scenarios/spin_up.toml", ("--stats", "--eeprom")),
+    ("run scenarios/spin_up.toml --on avr", ("--stats",)),
+    ("run scenarios/spin_up.toml", ("--eeprom",)),
     ("bench speed", ("--json",)),
 ]
 
