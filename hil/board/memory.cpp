@@ -93,11 +93,17 @@ std::uint8_t Eeprom::read(unsigned short) {
 }
 
 void Eeprom::advance(Cycle now) {
-    if (busy_ && done_at_ <= now) {
+    if (done_at_ <= now) {
+        end_write();
+    }
+    update();
+}
+
+void Eeprom::end_write() {
+    if (busy_) {
         content_[target_] = value_;
         busy_ = false;
     }
-    update();
 }
 
 void Eeprom::update() {
@@ -108,10 +114,7 @@ void Eeprom::update() {
 // A reset does not stop a write that has begun, and it has ended before the first instruction: the
 // start-up time of a board (65 ms, docs/hardware.md) is longer.
 void Eeprom::reset() {
-    if (busy_) {
-        content_[target_] = value_;
-        busy_ = false;
-    }
+    end_write();
     enabled_until_ = -1;
     update();
 }

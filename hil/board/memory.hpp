@@ -24,6 +24,7 @@ public:
 private:
     unsigned address() const;
     void start_write(unsigned mode);
+    void end_write();
     void update();
 
     Machine &machine_;

@@ -214,8 +214,8 @@ class RunLog:
         return ""
 
     def close(self) -> int:
-        """Complete the file; returns its number of rows, without which no file is left. Where it
-        cannot be completed, the rows that it holds are kept, and VgrooveError names their file.
+        """Complete the file and return its number of rows; a file without rows is deleted. Where
+        the file cannot be completed, the rows in it are kept, and VgrooveError names that file.
         """
         if self._closed:
             return self._file.rows

@@ -4,6 +4,7 @@ parameters on a board.
 
 import dataclasses
 import os
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -167,11 +168,15 @@ def test_a_current_beyond_the_bytes_is_the_nearest_one_and_is_warned_of(
     table = {name: np.full(rows, 8.0) for name in ("level", "raised")}
     table |= {"settled": np.full(rows, 14.0), "stop": np.full(rows, 16.0)}
     table["settled"][20:23] = settled
+    table["level"][:18] = table["settled"][:18] = np.nan  # no joint settles at these targets
     found = maps.member_values(table, 5.5)
     assert set(found["settled_a_q4"][20:23]) == {byte} and found["settled_a_q4"][19] == 32
     warnings = maps.beyond_range(table, 5.5)
     assert len(warnings) == int(warned)
+    off_a = abs(settled - np.clip(settled, 12.0, 27.875))
     assert all(text.startswith("targets of 60 to 62 N m") for text in warnings)
+    amount = [float(re.search(r"up to (\S+) A", text)[1]) for text in warnings]
+    assert amount == pytest.approx([off_a] * len(warnings), abs=1 / 16)
 
 
 def test_the_targets_of_a_warning_are_those_whose_values_do_not_fit() -> None:

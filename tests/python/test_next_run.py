@@ -1,5 +1,6 @@
-"""The run that a verdict proposes: which runs a tool is capable of, unusable points; and, performed
-by the AVR firmware, it decides between two effects that one log leaves tied.
+"""The run that a verdict proposes: whether the tool is capable of it, and whether its points are a
+command. Performed by the AVR firmware, it decides between two effects that one log cannot
+distinguish.
 """
 
 import numpy as np

@@ -109,7 +109,7 @@ private:
     double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0,
            step_s_ = 5e-6, coupling_nm_ = 0.0;
     double damping_ = 0.0, load_damping_ = 0.0;  // of the bristles, constant over a period
-    // angles of the Hall edges next below and next above the angle of the shaft
+    // angles of the nearest Hall edge below and of the nearest one above the angle of the shaft
     double edge_below_rad_ = 0.0, edge_above_rad_ = 0.0;
     bool two_masses_ = false;
 

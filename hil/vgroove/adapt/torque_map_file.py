@@ -5,6 +5,7 @@
 """
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,71 +17,75 @@ from vgroove.reference.rigs import reference_rig
 from vgroove.rig import Rig
 
 RUN_STEP_V = 0.02
-MEMBER_TYPES = {
-    "stop_a_q8": "<i2",
-    "level_40mv": "u1",
-    "settled_a_q4": "u1",
-    "raised_40mv": "u1",
-    "run_20mv": "u1",
-}
 # In the C table in place of a current: none is valid, since the target is below LEAST_HELD_NM.
 NEVER = 255
-LEAST_SETTLED_A = 12.0
-# Of the members: their steps in V or A, what they are, and the unit
-UNITS = {
-    "stop_a_q8": (1.0 / 256.0, "the current that ends a drive", "A"),
-    "level_40mv": (LEVEL_STEP_V, "the level", "V"),
-    "settled_a_q4": (1.0 / 16.0, "the current that tells a hard joint", "A"),
-    "raised_40mv": (LEVEL_STEP_V, "the raised level", "V"),
-    "run_20mv": (RUN_STEP_V, "the level", "V"),
-}
 
 
-def exact_values(table: dict[str, np.ndarray], run_v: float) -> dict[str, np.ndarray]:
-    """Members of TorqueMap in their order, (rows,), the last one (1,), before rounding; NaN where a
-    row has none. The name of a member states its unit. table: columns of torque_map.tables(), in V
-    and A; run_v: level of the run-up in V.
+@dataclass(frozen=True)
+class Member:
+    """An array of integers of the firmware's TorqueMap: type (numpy), the column of
+    torque_map.tables() that it holds, the value and unit of the integer 0, the value of a step;
+    what it is; the integer of a row without a value, and the largest one of a row with one.
     """
-    return {
-        "stop_a_q8": table["stop"] * 256,
-        "level_40mv": (table["level"] - BASE_V) / LEVEL_STEP_V,
-        "settled_a_q4": (table["settled"] - LEAST_SETTLED_A) * 16,
-        "raised_40mv": (table["raised"] - BASE_V) / LEVEL_STEP_V,
-        "run_20mv": (np.array([run_v]) - BASE_V) / RUN_STEP_V,
-    }
+
+    kind: str
+    column: str
+    zero: float
+    unit: str
+    step: float
+    words: str
+    none: int = 0
+    largest: int = 255
+
+    def exact(self, values: np.ndarray) -> np.ndarray:
+        """Values (n,) in steps, rounded to whole numbers; NaN where a row has none."""
+        return np.round((values - self.zero) / self.step)
+
+    def held(self, values: np.ndarray) -> np.ndarray:
+        """The integers (n,) that the map holds for values (n,): the nearest of its range."""
+        found = np.clip(self.exact(values), 0, self.largest)
+        return np.nan_to_num(found, nan=self.none).astype(self.kind)
 
 
-def _in_range(name: str, values: np.ndarray) -> np.ndarray:
-    """Rounded values (n,) of a member, the nearest ones that it can hold."""
-    kind = MEMBER_TYPES[name]
-    largest = NEVER - 1 if name == "settled_a_q4" else np.iinfo(kind).max
-    return np.clip(np.round(values), 0.0, largest)
+# In their order in the map; the last one is a single integer, that of the level of the run-up.
+MEMBERS = {
+    "stop_a_q8": Member(
+        "<i2", "stop", 0.0, "A", 1 / 256, "the current that ends a drive", largest=32767
+    ),
+    "level_40mv": Member("u1", "level", BASE_V, "V", LEVEL_STEP_V, "the level"),
+    "settled_a_q4": Member(
+        "u1", "settled", 12.0, "A", 1 / 16, "the current that tells a hard joint", NEVER, NEVER - 1
+    ),
+    "raised_40mv": Member("u1", "raised", BASE_V, "V", LEVEL_STEP_V, "the raised level"),
+    "run_20mv": Member("u1", "run", BASE_V, "V", RUN_STEP_V, "the level"),
+}
+MEMBER_TYPES = {name: member.kind for name, member in MEMBERS.items()}
 
 
 def member_values(table: dict[str, np.ndarray], run_v: float) -> dict[str, np.ndarray]:
-    """The integers of exact_values() that the map holds, the nearest ones where it cannot."""
-    found = {}
-    for name, values in exact_values(table, run_v).items():
-        none = NEVER if name == "settled_a_q4" else 0
-        found[name] = np.nan_to_num(_in_range(name, values), nan=none).astype(MEMBER_TYPES[name])
-    return found
+    """Integers (rows,) of the members of the map, the last one (1,), the nearest ones that it can
+    hold. table: columns of torque_map.tables(), in V and A; run_v: level of the run-up in V.
+    """
+    columns = {**table, "run": np.array([run_v])}
+    return {name: member.held(columns[member.column]) for name, member in MEMBERS.items()}
 
 
 def beyond_range(table: dict[str, np.ndarray], run_v: float) -> list[str]:
     """A sentence for each member of which the map cannot hold all values that a tool needs: its
     targets, and how far off the nearest ones are.
     """
-    found = []
-    for name, values in exact_values(table, run_v).items():
-        off = np.abs(_in_range(name, values) - np.round(values))
+    columns, found = {**table, "run": np.array([run_v])}, []
+    for member in MEMBERS.values():
+        exact = member.exact(columns[member.column])
+        off = np.abs(exact - np.clip(exact, 0, member.largest))
         rows = np.flatnonzero(off > 0.0)
         if not len(rows):
             continue
-        where = "the run-up" if len(values) == 1 else f"targets of {_targets(rows)}"
-        worst = off.max() * UNITS[name][0]
+        where = "the run-up" if len(exact) == 1 else f"targets of {_targets(rows)}"
         found.append(
-            f"{where}: {UNITS[name][1]} is up to {worst:.3g} {UNITS[name][2]} beyond the range of "
-            "the firmware's map, which holds the nearest value: check the torque there"
+            f"{where}: {member.words} is up to {off[rows].max() * member.step:.3g} {member.unit} "
+            "beyond the range of the firmware's map, which holds the nearest value: check the "
+            "torque there"
         )
     return found
 

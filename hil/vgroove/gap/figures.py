@@ -40,11 +40,11 @@ def plain_style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
 
 def gap_picture(gap: Gap) -> Picture:
     """Gap of each signal in units of its floor: before, retuned, after."""
-    judged = {name: one for name, one in gap.by_signal.items() if one.floor > 0.0}
-    figure, names = go.Figure(), list(judged)
+    signals = gap.with_samples
+    figure, names = go.Figure(), list(signals)
     bars = (("before", NOMINAL), ("retuned", RETUNED), ("after", CORRECTED), ("floor", FLOOR))
     for label, colour in bars:
-        values = [getattr(one, label) / one.floor for one in judged.values()]
+        values = [getattr(one, label) / one.floor for one in signals.values()]
         figure.add_trace(
             go.Bar(
                 x=names,

@@ -73,8 +73,7 @@ def where_card(verdict: Verdict) -> Card:
         for name, value in ranked[1:]
         if value >= MIN_SHARE_SHOWN
     ]
-    # a signal without a judged sample has no floor
-    signals = {name: one for name, one in verdict.gap.by_signal.items() if one.floor > 0.0}
+    signals = verdict.gap.with_samples
     seen = max(signals, key=lambda name: signals[name].before / signals[name].floor)
     regimes = [
         f"most of it at {r.regime} ({percent(r.share)})" for r in verdict.where.by_regime[:1]

@@ -90,7 +90,9 @@ def time_mend(time_s: np.ndarray) -> str:
 
 
 def _is_of_half_days(time_s: np.ndarray) -> bool:
-    """Whether times (n,) in s that go back are those of a clock that shows 12:59 before 1:00."""
+    """Whether times (n,) in s that step back are those of a 12-hour clock, on which 1:00 follows
+    12:59.
+    """
     if time_s.min() < 0.0 or time_s.max() >= HALF_DAY_S + HOUR_S:
         return False
     within = time_s % HALF_DAY_S

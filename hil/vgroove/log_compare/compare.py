@@ -82,7 +82,7 @@ class Comparison:
 
 
 def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
-    """None in place of the value of a missing sample, which JSON cannot hold."""
+    """Values by name, with None for each NaN (a missing sample), since JSON has no NaN."""
     return {name: None if value != value else value for name, value in values.items()}
 
 

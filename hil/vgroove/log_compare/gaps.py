@@ -98,8 +98,8 @@ def signal_gap(pair: ColumnPair, limits: Limits) -> SignalGap:
     gap = np.where(both, b - a, 0.0)
     first = int(np.argmax(different)) if different.any() else None
     least = limits.command_values if name in BRIDGE_COMMAND else 2
-    steps = [step for v in (a, b) if (step := resolution(v, limits, least)) > 0.0]
-    step = sum(steps) / len(steps) if steps else 0.0
+    steps = [resolution(values, limits, least) for values in (a, b)]
+    step = sum(steps) / max(1, np.count_nonzero(steps))
     discrete = name in DISCRETE
     rms = _rms(gap[both])
     rms_aligned = None if discrete or aligned is None else _rms(_finite(aligned - a))

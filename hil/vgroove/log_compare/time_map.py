@@ -37,9 +37,9 @@ class TimeMap:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Rows of log A that the fit uses, log B, the columns with their scales, and the least share of
-    the samples with a value in both logs that an offset must keep: where the logs hardly overlap,
-    nothing contradicts an offset.
+    """What is fitted: log A at the rows `rows`, log B, and the columns with their standard
+    deviations. least_share: of the samples with a value in both logs without an offset, those that
+    must remain with one, since where the logs hardly overlap any offset fits.
     """
 
     a: Log

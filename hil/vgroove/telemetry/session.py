@@ -185,7 +185,9 @@ class Session:
         return self.last_ms is None or self.last_ms - self.first_ms < START_OVER_MS
 
     def _restart(self, frame: Frame) -> None:
-        """The board's time stepped backward: the run starts over, or ends here."""
+        """A frame whose time is earlier than that of the frame before shows a restart of the board:
+        begin the run again with it, or end the run.
+        """
         self.counters.restarts += 1
         if frame.id != BOOT or not self.may_start_over:
             self.restarted = True

@@ -189,7 +189,9 @@ def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
 
 
 def _is_command(time_s: np.ndarray, level: np.ndarray) -> bool:
-    """Whether points (n,) begin at 0, increase in time up to PROFILE_S, lie in -1..1, and drive."""
+    """Whether points (n,) are a command: finite numbers; times that begin at 0 and increase up to
+    PROFILE_S; levels in -1..1 that are not all 0.
+    """
     return (
         len(time_s) >= 2
         and bool(np.isfinite([time_s, level]).all())

@@ -178,7 +178,9 @@ def _constant_command_error(rig: Rig, given: MeasuredInput) -> np.ndarray:
 
 
 def full_volt(rig: Rig, columns: Mapping[str, np.ndarray]) -> float:
-    """Terminal voltage in V of a command of 1: of a duty that of the bus, measured or the rig's."""
+    """Terminal voltage in V at a command of 1: for a duty the voltage of the bus, measured or else
+    as the rig states it; 1 V for a command in V.
+    """
     if rig.input["kind"] != "duty":
         return 1.0
     stated = rig.supply.get("voltage_v", 1.0)

@@ -58,6 +58,11 @@ class Gap:
     held_out_s: Sequence[Sequence[Sequence[float]]]
     by_signal: Mapping[str, SignalGap]
 
+    @property
+    def with_samples(self) -> dict[str, SignalGap]:
+        """The signals with a judged sample: the others have no floor."""
+        return {name: one for name, one in self.by_signal.items() if one.floor > 0.0}
+
 
 @dataclass(frozen=True)
 class RegimeShare:
