@@ -5,7 +5,9 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <cmath>
 #include <cstddef>
+#include <stdexcept>
 #include <string>
 
 #include "plant/components/hall_wheel.hpp"
@@ -38,6 +40,8 @@ constexpr const char *PERIOD_DOC =
     "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)";
 template <class Plant>
 nanobind::tuple lockstep_period(Plant &self, bool coast, double duty, double dead, double load_nm) {
+    if (!(std::fabs(duty) <= 1.0 && std::fabs(dead) <= 1.0 && std::isfinite(load_nm)))
+        throw std::invalid_argument("duty and dead must be within +-1, load_nm must be finite");
     const vgroove::PeriodResult r = self.period(coast, duty, dead, load_nm);
     nanobind::list edges;
     for (int n = 0; n < r.edge_count; ++n)

@@ -298,7 +298,7 @@ def run(
     from vgroove.faults import parse_injection
     from vgroove.run import RunOptions
 
-    injection = parse_injection(fault) if fault else None
+    injection = None if fault is None else parse_injection(fault)
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom, injection)
     if scenario_path is None and on not in ("sil", "avr"):
         none = "a run on a board has none of these, they belong to --on sil and --on avr"

@@ -1,5 +1,5 @@
-"""`vgroove sim SCENARIO`: the plant alone with the trigger's travel as duty, without firmware and
-sensors.
+"""`vgroove sim SCENARIO`: the plant alone with the trigger's travel as duty, without firmware. The
+log has the effects of the rig's sensors, and neither noise nor steps of a converter.
 """
 
 from typing import Any
@@ -46,7 +46,7 @@ def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarra
 
 def simulate_scenario(scenario: Scenario) -> Log:
     """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and
-    angle (rad) of the shaft at its end.
+    angle (rad) of the shaft at its end, each with the effects of its sensor.
 
     An impact tool also has the channels of a test bench (torque of the joint, angle of anvil and
     head, hammer, housing, arm), and figures of its blows in `meta`. A drill driver has speed and
@@ -79,7 +79,8 @@ def simulate_scenario(scenario: Scenario) -> Log:
             rows = _core.simulate_impact(drive, tool.parameters()[None, :], mode="fast")
             columns |= {name: rows[name][0] for name in TEST_BENCH_CHANNELS}
             meta = impact_figures(
-                blows_at_full_duty(rows["blows"][0], time_s, columns["duty"]),
+                rows["blows"][0],
+                full_duty_stretches(rows["blows"][0]["time_s"], time_s, columns["duty"]),
                 float(rows["head_rad"][0, -1]),
             )
         else:
@@ -88,8 +89,8 @@ def simulate_scenario(scenario: Scenario) -> Log:
             )
     columns |= {name: rows[name][0] for name in ("supply_v", "current_a")}
     columns |= {
-        "speed_rpm": rows["speed_rad_s"][0] * RPM_PER_RAD_S,
-        "position_rad": rows["angle_rad"][0],
+        "speed_rpm": rows["speed_measured_rad_s"][0] * RPM_PER_RAD_S,
+        "position_rad": rows["angle_measured_rad"][0],
     }
     return Log(time_s, columns, scenario.source, meta=meta)
 
@@ -150,32 +151,39 @@ def _simulate_drill(scenario: Scenario, time_s: np.ndarray, columns: dict[str, n
     return Log(time_s, columns, scenario.source, meta=meta)
 
 
-def blows_at_full_duty(blows: np.ndarray, time_s: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """Those of the `blows` (structured array of simulate_impact) at whose times the duty (n,) has
-    its largest magnitude.
+def full_duty_stretches(at_s: np.ndarray, time_s: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    """Number (k,) of the stretch of rows, from 1, in which each of the times at_s (k,) lies and in
+    which the duty (n,) keeps its largest magnitude; 0 at another duty.
     """
-    row = np.minimum(np.searchsorted(time_s, blows["time_s"]), len(duty) - 1)
-    return blows[np.abs(duty[row]) >= np.max(np.abs(duty))]
+    full = np.abs(duty) >= np.max(np.abs(duty))
+    begins = full & ~np.concatenate([[False], full[:-1]])
+    row = np.minimum(np.searchsorted(time_s, at_s), len(duty) - 1)
+    return np.where(full, np.cumsum(begins), 0)[row]
 
 
-def impact_figures(blows: np.ndarray, head_rad: float) -> dict[str, float | int]:
-    """Figures of blows: the number of blows and of repeats; from the second half of the blows their
-    rate, the spread of the period, the peak torque and the engaged height; the head's angle.
+def impact_figures(
+    blows: np.ndarray, stretch: np.ndarray, head_rad: float
+) -> dict[str, float | int]:
+    """Figures of the blows (k,) (structured array of simulate_impact) at full duty, whose stretches
+    (k,) are given: the number of blows and of repeats; from the second half of the blows their
+    rate, the spread of the period, the peak torque and the engaged height; the head's angle. A
+    period is the time between blows of one stretch.
     """
-    first = blows[blows["kind"] == BLOW]
+    kinds = blows["kind"]
+    first = np.flatnonzero((stretch > 0) & (kinds == BLOW))
     late = first[len(first) // 2 :]
-    period = np.diff(late["time_s"])
+    period = np.diff(blows["time_s"][late])[np.diff(stretch[late]) == 0]
     figures: dict[str, float | int] = {
         "blows": len(first),
-        "repeats": int(np.sum(blows["kind"] == REPEAT)),
+        "repeats": int(np.sum((stretch > 0) & (kinds == REPEAT))),
         "head_end_rad": head_rad,
     }
     if len(period):
         figures |= {
             "blows_per_min": float(60.0 / period.mean()),
             "period_spread_percent": float(100.0 * period.std() / period.mean()),
-            "torque_peak_nm": float(late["peak_torque_nm"].max()),
-            "engaged_mean_mm": float(1e3 * late["engaged_m"].mean()),
+            "torque_peak_nm": float(blows["peak_torque_nm"][late].max()),
+            "engaged_mean_mm": float(1e3 * blows["engaged_m"][late].mean()),
         }
     return figures
 

@@ -226,6 +226,10 @@ def _check_free_output(tool: Rig, torque_nm: Sequence[Sequence[float]], source: 
             f'load.torque_nm needs a rig with [load] kind = "torque": with "{kind}" it would not '
             "act",
         )
+    if kind == "chuck" and any(torque < 0.0 for _, torque in torque_nm):
+        raise _error(
+            source, "load.torque_nm of a chuck opposes its motion: it must be 0 N m or more"
+        )
 
 
 def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Scenario:
@@ -362,6 +366,11 @@ def make_plant(tool: Rig, seed: int) -> Any:
             "this build of vgroove has no lock-step plant: run `pip install -e .` in the tree again"
         )
     pulses = int(tool.sensors.get("hall_pulses_per_rev", 0))
+    if tool.effects.get("speed_lag", {}).get("form") == "mean":
+        raise VgrooveError(
+            f'{tool.name or "the rig"}: effects.speed_lag of form "mean" is that of a speed not '
+            'made from Hall edges; the board reads edges: use form "filter" or "delay"'
+        )
     with refused_by_plant(tool.name or "the rig"):
         if kind == "DrillPlant":  # the board's firmware makes the pulses of pulse mode
             parameters = tool.drill_parameters() | {"mechanism.pulse": 0.0}

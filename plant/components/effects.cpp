@@ -8,10 +8,9 @@
 
 namespace vgroove {
 
-static bool has_two_bodies(const Parameters &p) {
-    const double ratio = p.gearbox_ratio;
+static bool has_two_bodies(const Parameters &p, double load_inertia_kg_m2) {
     const double output =
-        p.gearbox_output_inertia / (ratio * ratio) + p.effects.coupler_compliance.inertia_kg_m2;
+        p.gearbox_output_inertia + load_inertia_kg_m2 + p.effects.coupler_compliance.inertia_kg_m2;
     const bool split = std::isfinite(p.effects.coupler_compliance.stiffness_nm_per_rad) ||
                        p.effects.gear_backlash.play_rad > 0.0;
     return split && output > 0.0;
@@ -22,9 +21,9 @@ static bool shifts_command(const EffectParameters &e) {
            (e.clock_skew.relative != 0.0 && e.clock_skew.command_clock != 0.0);
 }
 
-std::uint32_t effects_of(const Parameters &p) {
+std::uint32_t effects_of(const Parameters &p, double load_inertia_kg_m2) {
     const EffectParameters &e = p.effects;
-    const bool split = has_two_bodies(p);
+    const bool split = has_two_bodies(p, load_inertia_kg_m2);
     std::uint32_t on = effect_switches(e);
     on |= split ? EFFECT_TWO_BODIES : 0u;
     on |= split && e.gear_backlash.play_rad > 0.0 ? EFFECT_PLAY : 0u;

@@ -28,8 +28,8 @@ constexpr std::uint32_t EFFECTS_NOT_LINEAR_IN_CURRENT =
     EFFECT_BRUSH_DROP | EFFECT_DEAD_TIME | EFFECT_MAGNETIC_SATURATION;
 
 // An effect that changes a coefficient (R, L, k, J, Coulomb or viscous torque, ...) is part of the
-// model's constants and has no switch.
-std::uint32_t effects_of(const Parameters &p);
+// model's constants and has no switch. load_inertia_kg_m2: of the load, at the output.
+std::uint32_t effects_of(const Parameters &p, double load_inertia_kg_m2);
 
 // A sentence that names the parameter behind the fastest rate of the model, with its value: the
 // likely reason why a run needs too many steps

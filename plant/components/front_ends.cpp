@@ -3,10 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 namespace vgroove {
 
 static int to_counts(double x) {
+    if (std::isnan(x))
+        throw std::invalid_argument("a front end reads numbers, not nan");
     return static_cast<int>(
         std::min(std::max(std::floor(x + 0.5), 0.0), static_cast<double>(COUNTS_MAX)));
 }

@@ -81,7 +81,7 @@ static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::si
     for (std::size_t row = 0; row < batch; ++row) {
         const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
         naming_the_set(row, batch, [&] { check_parameters(p, in.kind != InputKind::CURRENT); });
-        const std::uint32_t effects = effects_of(p);
+        const std::uint32_t effects = effects_of(p, load_inertia(p, in.load_kind));
         if (!options.adaptive && flow_applies(effects, in.load_kind)) {
             full.push_back(Job{effects, true, {row}});
             continue;

@@ -144,7 +144,7 @@ static Parameters drivetrain_parameters(const Parameters &p) {
 static void set_drive(Impact &m, const Parameters &p, InputKind input, bool bus_measured,
                       double command_peak) {
     const Parameters d = drivetrain_parameters(p);
-    m.drive.effects = effects_of(d);
+    m.drive.effects = effects_of(d, 0.0);
     m.drive.input = input;
     m.drive.bus_measured = bus_measured;
     m.drive.load.kind = LoadKind::NONE;

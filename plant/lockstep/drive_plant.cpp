@@ -93,7 +93,7 @@ DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std:
     check_parameters(p, true);
     body_ = std::make_unique<Body>(p, std::move(wheel), seed);
     DriveSolver &s = body_->solver;
-    s.model.effects = effects_of(p) | EFFECT_DEAD_TIME;
+    s.model.effects = effects_of(p, load_inertia(p, load)) | EFFECT_DEAD_TIME;
     s.model.input = InputKind::DUTY;
     s.model.load.kind = load;
     drivetrain_set_lane(s.model, 0, p, p.supply_voltage_v, PERIOD_S);

@@ -23,6 +23,7 @@ from vgroove.adapt.firmware_image import adapted_image, map_in_flash
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale, level_scale
 from vgroove.adapt.setpoints import (
+    beyond_controllers,
     beyond_range,
     default_value,
     needed_setpoints,
@@ -189,6 +190,17 @@ def test_a_setpoint_that_the_board_cannot_hold_is_warned_of() -> None:
     assert beyond_range(needed) == []
     [warning] = beyond_range({**needed, "motor_rpm_per_v": 973.0})
     assert warning.startswith("motor_rpm_per_v: this tool needs 973 rpm/V, the nearest value")
+
+
+def test_what_a_controller_clips_is_warned_of() -> None:
+    needed = needed_setpoints(reference_rig(), SAME)
+    assert beyond_controllers(needed, 4) == []
+    [steep] = beyond_controllers({**needed, "motor_mohm": 600.0, "motor_rpm_per_v": 876.0}, 4)[:1]
+    assert "loses 526 rpm per A" in steep
+    [winding] = beyond_controllers({**needed, "motor_mohm": 520.0}, 4)
+    assert winding.startswith("motor_mohm: this tool needs 520 mohm")
+    [edges] = beyond_controllers(needed, 2)
+    assert "5.6 edges from lug to lug" in edges
 
 
 @pytest.mark.parametrize("scale", [0.91, 1.0, 1.115])

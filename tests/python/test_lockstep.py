@@ -145,3 +145,24 @@ def refusals_of_a_run() -> list[str]:
     except RuntimeError as error:
         return [str(error)]
     return []
+
+
+@pytest.mark.parametrize("rig", ["board_18v", "impact_driver", "drill_driver_low"])
+@pytest.mark.parametrize(
+    "command",
+    [(float("nan"), 0.0, 0.0), (1.5, 0.0, 0.0), (0.5, float("nan"), 0.0), (0.5, 0.0, np.inf)],
+)
+def test_a_period_takes_finite_commands_within_the_bridge(
+    rig: str, command: tuple[float, float, float]
+) -> None:
+    tool = make_plant(read_rig(RIGS / f"{rig}.toml"), 1)
+    with pytest.raises(ValueError, match="duty and dead must be within"):
+        tool.period(False, *command)
+    assert np.isfinite(tool.period(False, 0.5, 0.0)[0])
+
+
+def test_a_front_end_refuses_what_is_no_number() -> None:
+    for counts in (_core.current_counts, _core.bus_counts, _core.temperature_counts):
+        with pytest.raises(ValueError, match="not nan"):
+            counts(float("nan"))
+        assert counts(1e9) == 1023 and counts(-1e9) == 0

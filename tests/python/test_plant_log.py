@@ -5,6 +5,7 @@ speed over real time.
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ import pytest
 import plant_reference as ref
 from test_plant_reference import EFFECTS, drive_log, plant_run, theta_of
 from vgroove import _core as core
+from vgroove.rig import read_rig
 
+ROOT = Path(__file__).resolve().parents[2]
 RNG_SEED = 11
 
 
@@ -237,3 +240,37 @@ def test_speed_figure(record_property: pytest.FixtureRequest) -> None:
     )
     assert single > 1500.0
     assert batch > 0.5 * single
+
+
+@pytest.mark.parametrize(
+    ("effect", "least_rad_s"),
+    [
+        ({"gear_backlash": {"play_rad": 0.2}}, 50.0),
+        (
+            {
+                "coupler_compliance": {
+                    "stiffness_nm_per_rad": 1.0,
+                    "damping_ratio": 0.05,
+                    "inertia_kg_m2": 0.0,
+                }
+            },
+            30.0,
+        ),
+    ],
+)
+def test_the_inertia_of_a_pendulum_is_an_output_side(effect: dict, least_rad_s: float) -> None:
+    """The limit of a vanishing inertia of the gearbox is that of none."""
+    time_s = np.arange(0.0, 1.5, 1e-3)
+    log = core.LogInput(
+        time_s, "duty", 0.3 * np.sign(np.sin(8.0 * time_s + 0.1)), load_kind="pendulum"
+    )
+
+    def speed(output_kg_m2: float, effects: dict) -> np.ndarray:
+        rig = read_rig(ROOT / "rigs/pendulum.toml").with_effects(effects)
+        rig = rig.with_values({"gearbox.output_inertia_kg_m2": output_kg_m2})
+        theta = rig.parameters()[None, :]
+        return core.simulate_log(log, theta, np.array([0]), np.zeros((1, 3)), 1)["speed_rad_s"][0]
+
+    without, limit = speed(0.0, effect), speed(1e-9, effect)
+    assert np.allclose(without, limit, atol=0.5)
+    assert np.max(np.abs(without - speed(0.0, {}))) > least_rad_s

@@ -347,6 +347,7 @@ def fails_for_space(*_: object) -> None:
     ("options", "sentence"),
     [
         (["--fault", "hall_open@5"], "--fault hall_open at 5 s is after the end of the run"),
+        (["--fault", ""], "there is no fault ; the nearest known one is"),
         (["--seed", str(2**64)], "Invalid value for '--seed'"),
     ],
 )

@@ -11,7 +11,13 @@ import pytest
 from vgroove.board import PERIOD_S, SWITCH_CONTACT, SWITCH_REVERSE
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import FrontEnds, Pacer, Profile, Script, StimulusSource
-from vgroove.scenario import command_messages, read_scenario, without_board_effects
+from vgroove.rig import read_rig
+from vgroove.scenario import (
+    command_messages,
+    make_plant,
+    read_scenario,
+    without_board_effects,
+)
 from vgroove.telemetry import frame_crc
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -133,6 +139,31 @@ def test_a_torque_that_would_not_act_is_refused(
             read_scenario(path)
     else:
         assert read_scenario(path).profile.load_nm[-1] == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(("torque_nm", "refused"), [(0.5, False), (-0.5, True)])
+def test_a_chuck_load_that_would_drive_is_refused(
+    torque_nm: float, refused: bool, tmp_path: Path
+) -> None:
+    text = GOOD.replace("{rig}", str(ROOT / "rigs" / "drill_driver_low.toml"))
+    text = text.replace("[effects.coulomb_friction]\ntorque_nm = 0.02\n", "")
+    path = written(tmp_path, text.replace("[1.0, 0.5]", f"[1.0, {torque_nm}]"))
+    if refused:
+        with pytest.raises(VgrooveError, match="a chuck opposes its motion: it must be 0 N m"):
+            read_scenario(path)
+    else:
+        assert read_scenario(path).profile.load_nm[-1] == (1.0, torque_nm)
+
+
+def test_a_speed_lag_that_no_board_has_is_refused() -> None:
+    rig = read_rig(ROOT / "rigs" / "board_18v.toml")
+    for form, refused in (("filter", False), ("delay", False), ("mean", True)):
+        tool = rig.with_effects({"speed_lag": {"time_constant_s": 0.01, "form": form}})
+        if refused:
+            with pytest.raises(VgrooveError, match='use form "filter" or "delay"'):
+                make_plant(tool, 1)
+        else:
+            make_plant(tool, 1)
 
 
 def test_missing_files_are_errors_with_a_message(tmp_path: Path) -> None:

@@ -348,3 +348,54 @@ def test_rate_and_spread_are_those_of_the_pulled_trigger(tmp_path: Path) -> None
         figures["blows_per_min"] == pytest.approx(2857, rel=5e-3)
         and figures["period_spread_percent"] < 1.0
     )
+
+
+def test_the_pause_between_two_presses_is_no_blow_period(tmp_path: Path) -> None:
+    found = {}
+    for presses in (1, 2):
+        starts = [0.1 + 1.3 * n for n in range(presses)]
+        points = [
+            p for s in starts for p in ([s, 0.0], [s + 0.05, 1.0], [s + 0.8, 1.0], [s + 0.8, 0])
+        ]
+        write_rig(read_rig(RIGS / "impact_driver.toml"), tmp_path / "rig.toml")
+        (tmp_path / "scenario.toml").write_text(
+            f'schema = "vgroove.scenario/1"\nrig = "rig.toml"\nduration_s = {1.3 * presses}\n'
+            f"[trigger]\ntravel = {points}\n"
+        )
+        sim(tmp_path / "scenario.toml", "--json", tmp_path / "out.json")
+        found[presses] = json.loads((tmp_path / "out.json").read_text())
+    once, twice = found[1], found[2]
+    assert once["blows_per_min"] > 2500.0 and twice["blows"] > 1.6 * once["blows"]
+    assert twice["blows_per_min"] == pytest.approx(once["blows_per_min"], rel=0.01)
+    assert twice["period_spread_percent"] < 2.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "column", "factor"),
+    [
+        ("speed_gain", {"relative": 0.2}, "speed_rpm", 1.2),
+        ("speed_gain", {"relative": 0.2}, "position_rad", 1.2),
+        ("current_gain", {"relative": 0.1}, "current_a", 1.1),
+        ("supply_gain", {"relative": -0.1}, "supply_v", 0.9),
+    ],
+)
+def test_a_sensor_of_the_rig_acts_in_the_log_of_the_plant_alone(
+    effect: str, values: dict[str, float], column: str, factor: float, tmp_path: Path
+) -> None:
+    scenario, found = scenario_of(tmp_path), []
+    for effects in ({}, {effect: values}):
+        write_rig(rig().with_effects(effects), tmp_path / "rig.toml")
+        sim(scenario, "-o", tmp_path / "sim.csv")
+        found.append(read_log(tmp_path / "sim.csv").columns[column])
+    assert np.allclose(found[1], factor * found[0], rtol=1e-6) and np.max(found[0]) > 0.1
+
+
+@pytest.mark.parametrize("form", ["filter", "delay"])
+def test_the_speed_of_the_plant_alone_lags_as_its_sensor(form: str, tmp_path: Path) -> None:
+    scenario, found = scenario_of(tmp_path), []
+    for effects in ({}, {"speed_lag": {"time_constant_s": 0.05, "form": form}}):
+        write_rig(rig().with_effects(effects), tmp_path / "rig.toml")
+        sim(scenario, "-o", tmp_path / "sim.csv")
+        found.append(read_log(tmp_path / "sim.csv").columns["speed_rpm"])
+    assert found[1][260] < 0.9 * found[0][260]
+    assert found[1][-1] == pytest.approx(found[0][-1], rel=1e-3)

@@ -14,7 +14,7 @@ from test_study import rows_of, vgroove
 from vgroove.reference.blows import clean
 from vgroove.reference.bolt import lever_m
 from vgroove.reference.rigs import impact_rig
-from vgroove.rig import read_rig
+from vgroove.rig import read_rig, write_rig
 from vgroove.study.disc_springs import disc_force
 from vgroove.study.impact import phases_of
 from warm_cli import Settings, warm_vgroove
@@ -244,3 +244,13 @@ def test_browsers_draw_the_pages(name: str, words: tuple, request: pytest.Fixtur
     text = seen(request.getfixturevalue(name)[0] / f"{name}.html").dom
     assert len(re.findall(r'<svg[^>]*class="main-svg"', text)) >= 2
     assert all(word in text for word in words)
+
+
+@pytest.mark.parametrize("study", [["load"], ["steps", "--only", "impact"]])
+def test_a_tool_that_does_not_hammer_has_no_cycle_to_show(study: list[str], tmp_path: Path) -> None:
+    weak = read_rig(ROOT / "rigs/impact_driver.toml").with_values({"supply.voltage_v": 4.0})
+    write_rig(weak, tmp_path / "rig.toml")
+    option = "--impact-rig" if study[0] == "steps" else "--rig"
+    done = vgroove("study", *study, option, "rig.toml", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 2 and "fewer than three blows" in done.stderr
+    assert "Traceback" not in done.stderr and not (tmp_path / "out").exists()

@@ -7,6 +7,7 @@ from typing import Any
 from vgroove.adapt.level_control import motor_of
 from vgroove.adapt.level_scale import LevelScale, level_scale
 from vgroove.adapt.setpoints import (
+    beyond_controllers,
     beyond_range,
     check_tool,
     default_value,
@@ -102,7 +103,8 @@ def adapt(rig: Rig, progress: Callable[[float], None] | None = None) -> Adaptati
     check_tool(rig)
     levels, motor_levels = level_scale(rig), level_scale(rig, motor_of(rig))
     found, of_map = torque_map(rig, levels.level, progress=progress)
-    warnings = (*of_map, *beyond_range(needed_setpoints(rig, motor_levels)))
+    needed, pulses = needed_setpoints(rig, motor_levels), rig.sensors.get("hall_pulses_per_rev", 0)
+    warnings = (*of_map, *beyond_range(needed), *beyond_controllers(needed, int(pulses)))
     return Adaptation(levels, motor_levels, setpoints(rig, motor_levels), found, warnings)
 
 

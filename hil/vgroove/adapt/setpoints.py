@@ -12,6 +12,9 @@ from vgroove.units import RAD_S_PER_RPM
 
 # Voltages at the motor and currents at which the reference tool impacts in step or just impacts.
 VOLTAGES = ("sync_low_mv", "sync_high_mv", "screwing_least_mv", "vibration_hard_mv")
+# Largest values that the numbers of controllers hold (docs/controllers/): rpm_per_a_q7 of blow.c,
+# the resistance of vibration.c; least edges from lug to lug for `excess` of screwing.c
+MOST_RPM_PER_A, MOST_VIBRATION_MOHM, LEAST_EDGES = 512.0, 511.0, 6.0
 CURRENTS = ("sync_current_a", "vibration_surge_a")
 
 
@@ -67,6 +70,30 @@ def beyond_range(values: dict[str, float]) -> list[str]:
                 f"{name}: this tool needs {value:.4g} {parameter(name).unit}, the nearest value "
                 f"that the board holds is {stored:.4g}"
             )
+    return found
+
+
+def beyond_controllers(values: dict[str, float], pulses: int) -> list[str]:
+    """A sentence for each value of needed_setpoints(), with the Hall edges per turn of the motor,
+    that a controller of the firmware clips in its own numbers, although the board holds it.
+    """
+    found = []
+    ohm, edges = values["motor_mohm"] / 1000.0, pulses * values["blow_turn"]
+    if ohm * values["motor_rpm_per_v"] >= MOST_RPM_PER_A:
+        found.append(
+            f"motor_mohm and motor_rpm_per_v: this tool loses {ohm * values['motor_rpm_per_v']:.0f}"
+            f" rpm per A, blow detection without Hall edges counts at most {MOST_RPM_PER_A:g}"
+        )
+    if values["motor_mohm"] > MOST_VIBRATION_MOHM:
+        found.append(
+            f"motor_mohm: this tool needs {values['motor_mohm']:.0f} mohm, the low-vibration "
+            f"controller counts at most {MOST_VIBRATION_MOHM:g}"
+        )
+    if 0.0 < edges < LEAST_EDGES:
+        found.append(
+            f"hall_pulses and blow_turn: {edges:.2g} edges from lug to lug, precise screwing needs "
+            f"at least {LEAST_EDGES:g} to know the angle of a blow"
+        )
     return found
 
 

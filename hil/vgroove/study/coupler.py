@@ -8,10 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from vgroove.html_page import Picture, Table, style
-from vgroove.reference.blows import BLOW
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import blow_figures, simulate, with_joint
+from vgroove.study.impact_runs import blow_figures, last_cycle, simulate, with_joint
 
 # A torque sensor of docs/spec/model.md, section 6
 COUPLER = {"stiffness_nm_per_rad": 2000.0, "damping_nm_s_per_rad": 0.2, "inertia_kg_m2": 2e-5}
@@ -58,7 +57,7 @@ def coupler_pulse(rig: Rig, duration_s: float) -> dict[str, dict[str, np.ndarray
     found = {}
     for name, tool in with_and_without_coupler(with_joint(rig, "locked")).items():
         blows = simulate([tool], duration_s, 1.0)["blows"][0]
-        last = float(blows["time_s"][blows["kind"] == BLOW][-2])
+        last, _ = last_cycle(tool, blows, 0.0, duration_s, 1.0)
         time_s = last + np.arange(PULSE_FROM_S, PULSE_TO_S, PULSE_STEP_S)
         trace = simulate([tool], duration_s, 1.0, trace_s=time_s)["trace"]
         found[name] = {"time_ms": 1e3 * (time_s - last), "torque_nm": trace["anvil_torque_nm"]}

@@ -11,10 +11,9 @@ from plotly.subplots import make_subplots
 
 from vgroove.errors import VgrooveError
 from vgroove.html_page import Picture, Table, legend_per_panel, style
-from vgroove.reference.blows import BLOW, hits_between
 from vgroove.result_files import Report
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import simulate
+from vgroove.study.impact_runs import last_cycle, simulate
 from vgroove.units import RPM_PER_RAD_S
 
 TRACE_STEP_S = 5e-6
@@ -65,15 +64,8 @@ def find_cycle(rig: Rig, duration_s: float, duty: float) -> tuple[float, float]:
 
     Raises VgrooveError where there is none.
     """
-    rows = simulate([rig], duration_s, duty)
-    blows = hits_between(rows["blows"][0], 0.0, duration_s - END_S)
-    first = blows["time_s"][blows["kind"] == BLOW]
-    if len(first) < 3:
-        raise VgrooveError(
-            f"{rig.name or 'the rig'}: fewer than three blows in {duration_s:g} s at duty "
-            f"{duty:g}: there is no cycle to show"
-        )
-    return float(first[-2]), float(first[-1])
+    blows = simulate([rig], duration_s, duty)["blows"][0]
+    return last_cycle(rig, blows, 0.0, duration_s - END_S, duty)
 
 
 def phases_of(

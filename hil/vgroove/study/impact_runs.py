@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 
 from vgroove import _core
-from vgroove.errors import refused_by_plant
+from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.reference.blows import BLOW, clean, hits_between
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import with_load
 from vgroove.rig import Rig
 from vgroove.units import RPM_PER_RAD_S
+
+LEAST_BLOWS = 3  # of a run from which a cycle is taken: the first is seldom a steady one
 
 
 def with_joint(rig: Rig, joint: str, values: Mapping[str, float] | None = None) -> Rig:
@@ -38,6 +40,22 @@ def simulate(rigs: Sequence[Rig], duration_s: float, duty: float, **options: Any
             **{"mode": "reference", "threads": 2, **options},
         )
     return {"time_s": time_s, **rows}
+
+
+def last_cycle(
+    rig: Rig, blows: np.ndarray, from_s: float, to_s: float, duty: float
+) -> tuple[float, float]:
+    """Start and end in s of the last whole cycle between two times of a run, from blow to blow, of
+    the run's blows (structured array of simulate_impact). VgrooveError where there is none.
+    """
+    hits = hits_between(blows, from_s, to_s)
+    first = hits["time_s"][hits["kind"] == BLOW]
+    if len(first) < LEAST_BLOWS:
+        raise VgrooveError(
+            f"{rig.name or 'the rig'}: fewer than three blows from {from_s:g} to {to_s:g} s at "
+            f"duty {duty:g} on load {rig.load['kind']}: there is no cycle to show"
+        )
+    return float(first[-2]), float(first[-1])
 
 
 def blow_figures(

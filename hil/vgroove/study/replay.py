@@ -64,7 +64,7 @@ REST = BoardInputs((512, 720, 102, 154))
 
 @dataclass(frozen=True)
 class Records:
-    """Records for the replay: each a letter and its content; `kinds`: the letters."""
+    """Records for the replay: each a letter and its content."""
 
     parts: tuple[bytes, ...]
 

@@ -11,11 +11,10 @@ from plotly.subplots import make_subplots
 from vgroove import _core
 from vgroove.html_page import Picture, Table, style
 from vgroove.progress import Tick
-from vgroove.reference.blows import BLOW, hits_between
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.result_files import Report
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import simulate, with_joint
+from vgroove.study.impact_runs import last_cycle, simulate, with_joint
 from vgroove.study.step_events import (
     EVENT_HEADER,
     NO_EVENT,
@@ -45,14 +44,12 @@ def impact_history(rig: Rig, joint: str, tolerance: float) -> dict[str, Any]:
         [tool], DURATION_S, 1.0, row_s=DURATION_S, history=True, tolerance=tolerance, trace_s=time_s
     )
     late = run["history"][run["history"]["time_s"] >= FROM_S]
-    blows = hits_between(run["blows"][0], FROM_S, DURATION_S)
-    first = blows["time_s"][blows["kind"] == BLOW]
     return {
         "load": joint,
         "time_s": late["time_s"].copy(),
         "length_s": late["step_s"].copy(),
         "mark": [NO_EVENT if n < 0 else _core.IMPACT_EVENTS[n] for n in late["event"]],
-        "cycle": (first[-2], first[-1]),
+        "cycle": last_cycle(tool, run["blows"][0], FROM_S, DURATION_S, 1.0),
         "trace_s": time_s,
         "hammer_mm": 1e3 * run["trace"]["hammer_m"],
         "rejected": int(run["statistics"][0]["rejected"]),

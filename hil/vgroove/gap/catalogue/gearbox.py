@@ -155,7 +155,8 @@ EFFECTS = (
         "coupler_compliance",
         "gearbox",
         "mechanism `none`, at the motor shaft: the output side J2 = J_out / N^2 + inertia_kg_m2 "
-        "moves behind a spring with damping c = 2 damping_ratio sqrt(stiffness_nm_per_rad J2); "
+        "(J_out with m l^2 of a pendulum) moves behind a spring with damping "
+        "c = 2 damping_ratio sqrt(stiffness_nm_per_rad J2); "
         "mechanism `impact`: the spring is between anvil and joint, J2 = inertia_kg_m2",
         (
             Parameter(
