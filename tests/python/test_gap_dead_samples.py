@@ -4,6 +4,7 @@ are kept, and a log in which nothing changes is refused.
 
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,3 +157,31 @@ def test_a_log_in_which_nothing_changes_is_refused(log: Log, rig: Rig) -> None:
         log.columns[name][:] = log.columns[name][0]
     with pytest.raises(VgrooveError, match="no measured column changes"):
         remove_dead_samples(log, rig)
+
+
+@pytest.mark.parametrize("with_coast", [True, False])
+def test_a_current_of_0_is_dropped_only_where_the_bridge_is_not_open(
+    with_coast: bool, rig: Rig
+) -> None:
+    """Pulse mode: the bridge is open for two of ten rows, in which the current is 0."""
+    rng, rows = np.random.default_rng(2), np.arange(600)
+    open_rows = rows % 10 < 2
+    current = np.where(open_rows, 0.0, 19.0 + 0.5 * rng.standard_normal(600))
+    columns = {"duty": np.ones(600), "current_a": current, "speed_rpm": 6000.0 + rows % 7}
+    if with_coast:
+        columns["coast"] = open_rows.astype(float)
+    found = remove_dead_samples(Log(0.01 * rows, columns, "pulses"), rig)
+    missing = np.isnan(found["current_a"])
+    assert not missing.any() if with_coast else missing[open_rows].mean() > 0.9
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_a_slowly_logged_shaft_may_rest_where_nothing_drives_it(stops: bool, rig: Rig) -> None:
+    rows = np.arange(240)
+    rest = rows % 16 < 8
+    duty = np.where(rest, 0.0, 0.6) if stops else np.full(240, 0.6)
+    columns = {"duty": duty, "speed_rpm": np.where(rest, 0.0, 9212.0 - rows % 5)}
+    stated = replace(rig, sensors={"log_hz": 4.0})
+    found = remove_dead_samples(Log(0.25 * rows, columns, "start and stop"), stated)
+    removed = np.isnan(found["speed_rpm"])[rest].mean()
+    assert removed == 0.0 if stops else removed > 0.9

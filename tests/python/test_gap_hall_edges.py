@@ -462,3 +462,27 @@ def test_each_row_reports_its_last_edge() -> None:
     placed = _last_in_row(found, now, np.full(6, 2e-3))
     assert np.allclose(placed.end_s - now, 1e-3 * np.array([-0.5, -1.8, -0.5, -0.2, -2.05, -0.5]))
     assert placed.step.tolist() == [1, 2, 3, 3, 2, 2]
+
+
+@pytest.mark.parametrize("pulses", [16, 24, 100])
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_that_span_several_edges_are_no_jitter_in_short_moves(pulses: int, seed: int) -> None:
+    """Moves of 13 rows with 8 rows of rest: no chain is as long as a window of the estimate."""
+    rng = np.random.default_rng(seed)
+    values, true = [], []
+    for _ in range(40):
+        fine = np.linspace(0.0, 0.0131, 1311)
+        low, high = np.sort(rng.uniform(300.0, 700.0, 2))
+        speed = low + (high - low) * np.sin(120.0 * fine + rng.uniform(0.0, 6.0))
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))])
+        rows = fine[::100][:13]
+        edges = edge_times(fine, angle, pulses, rng.uniform())
+        values += [*np.zeros(8), *hall_column(rows, edges, pulses, 0.05, 0.5)]
+        true += [*np.zeros(8), *np.interp(rows, fine, speed)]
+    time_s = 1e-3 * np.arange(len(values))
+    edges = read_edge_periods(time_s, np.array(values), pulses, 0.5)
+    jitter = edge_jitter(edges, pulses, 0.5 / np.sqrt(12.0))
+    sigma = edge_sigma_rpm(rig(sensors={"hall_pulses_per_rev": pulses}), edges, jitter)
+    speed = np.interp(0.5 * (edges.start_s + edges.end_s), time_s, true) * 60.0 / (2.0 * np.pi)
+    error = np.median(np.abs(edges.speed_rpm - speed))
+    assert len(edges.row) > 300 and np.median(sigma) < 4.0 * max(error, 1.0)

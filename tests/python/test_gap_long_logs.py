@@ -240,3 +240,15 @@ def test_the_command_judges_the_range_alone(tmp_path: Path) -> None:
     )
     held = verdict.gap.held_out_s[0]
     assert held[0][0] >= 101.0 and held[-1][1] <= 103.0
+
+
+@pytest.mark.parametrize("signed", [True, False])
+def test_a_current_without_sign_drains_the_battery_in_both_directions(signed: bool) -> None:
+    time_s = np.arange(1, 1001 * RATE) / RATE
+    duty = np.where(time_s % 20.0 < 10.0, 0.6, -0.6)
+    size = 5.0 + 0.1 * np.random.default_rng(0).standard_normal(len(time_s))
+    current = np.sign(duty) * size if signed else size
+    log = Log(time_s, {"duty": duty, "current_a": current, "speed_rpm": 8000.0 * duty}, "log")
+    (found,) = reduce_long_logs([log], rig(sensors={"log_hz": RATE}))
+    delivered = found[BUS_A][np.isfinite(found[BUS_A])]
+    assert len(delivered) > 100 and np.allclose(delivered, 3.0, atol=0.2)

@@ -147,3 +147,12 @@ def test_a_run_up_that_is_sampled_every_sixth_row_has_no_gap() -> None:
     problem = load_problem([made], tool())
     assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.2)
     assert any("every 30 ms" in warning for warning in problem.warnings)
+
+
+@pytest.mark.parametrize("level_rpm", [0.0, 120.0])
+def test_pauses_of_one_length_are_no_slow_samples(level_rpm: float) -> None:
+    """A sensor that answers more slowly has no value that lasts for one row."""
+    stroke = np.concatenate([np.full(40, level_rpm), [1500.0, 4500.0, 7500.0, 6000.0, 3000.0]])
+    log = log_of(np.tile(stroke, 12))
+    (found,) = remove_held_samples([log], tool(speed_noise_rpm=0.0))
+    assert np.isfinite(found["speed_rpm"]).all() and not found.warnings

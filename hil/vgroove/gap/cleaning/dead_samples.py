@@ -161,8 +161,22 @@ def dropped_samples(column: _Column) -> np.ndarray:
     wrong = (np.abs(around) > least).all(axis=0) & (one_sign | long_run)
     if is_current:
         wrong &= bridge_drives(column)[zero] | (run <= beside)
+    if is_current or not slowest_rpm:
+        wrong &= ~may_be_without_drive(column)[zero]
     out[zero[wrong]] = True
     return out
+
+
+def may_be_without_drive(column: _Column) -> np.ndarray:
+    """Rows (n,) at which a current, or a shaft whose stops no timeout of edges delays, may be at 0:
+    the bridge is open there or in a row beside, or a speed's command is 0.
+    """
+    none = np.zeros(len(column.time_s), bool)
+    coast = column.columns.get("coast")
+    off = none if coast is None else hold_last_value(coast) != 0.0
+    if column.name == "speed_rpm" and column.command is not None:
+        off = off | (hold_last_value(column.command) == 0.0)
+    return scipy.ndimage.binary_dilation(off, np.ones(3))
 
 
 def spikes(column: _Column) -> np.ndarray:

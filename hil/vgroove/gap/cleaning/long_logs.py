@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove.gap.cleaning.missing_values import hold_last_value
-from vgroove.log import Log
+from vgroove.log import Log, current_is_unsigned
 from vgroove.rig import Rig
 
 # columns of a reduced log that hold values in thinned rows alone, means over the interval: the
@@ -127,14 +127,17 @@ def _warning(log: Log, whole: np.ndarray, stretches: int) -> str:
 
 def _drives_of_slow_states(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     """Square of the measured current (n,), A^2, and the current that the bus delivers (n,), A;
-    zeros without a measured current.
+    zeros without a measured current. One without sign is taken to have that of the duty, as it has
+    except while the drive brakes.
     """
     if "current_a" not in log.columns:
         return np.zeros(len(log.time_s)), np.zeros(len(log.time_s))
     current = hold_last_value(np.asarray(log.columns["current_a"], dtype=float))
     if rig.input["kind"] != "duty":
         return np.square(current), np.zeros(len(current))
-    return np.square(current), current * hold_last_value(np.asarray(log.columns["duty"], float))
+    duty = hold_last_value(np.asarray(log.columns["duty"], float))
+    delivered = np.abs(current * duty) if current_is_unsigned(log) else current * duty
+    return np.square(current), delivered
 
 
 def _means(values: np.ndarray, last: np.ndarray) -> np.ndarray:

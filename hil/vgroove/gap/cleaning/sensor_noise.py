@@ -175,18 +175,26 @@ def position_noise_sigma(time_s: np.ndarray, values: np.ndarray) -> float:
     return float(np.min(scatter_by_order(time_s, values)))
 
 
-def scatter_by_order(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+def scatter_by_order(
+    time_s: np.ndarray, values: np.ndarray, part: np.ndarray | None = None
+) -> np.ndarray:
     """Standard deviations (orders,) of the noise of a position (n,), in its unit, at times (n,), s,
     by divided differences of several high orders, which remove a smooth motion; nan with fewer than
-    MIN_SAMPLES finite samples.
+    MIN_SAMPLES finite samples. part: number (n,) of the part of each sample; differences lie within
+    the parts that are long enough for the highest order, or, where none is, across them.
     """
     known = np.isfinite(values)
     if np.count_nonzero(known) < MIN_SAMPLES:
         return np.full(len(DIFFERENCE_ORDERS), np.nan)
-    found = (
-        divided_differences(time_s[known], values[known], order) for order in DIFFERENCE_ORDERS
-    )
-    return np.array([MAD_TO_SIGMA * np.median(np.abs(d - np.median(d))) for d in found])
+    rows = np.flatnonzero(known)
+    borders = [] if part is None else np.flatnonzero(np.diff(part[known])) + 1
+    parts = [p for p in np.split(rows, borders) if len(p) > DIFFERENCE_ORDERS[-1]] or [rows]
+    found = []
+    for order in DIFFERENCE_ORDERS:
+        each = [divided_differences(time_s[p], values[p], order) for p in parts]
+        scatter = np.concatenate(each)
+        found.append(MAD_TO_SIGMA * np.median(np.abs(scatter - np.median(scatter))))
+    return np.array(found)
 
 
 class SensorNoise(NamedTuple):

@@ -86,11 +86,21 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
 def _scatter_of_few_edges(edges: EdgePeriods, pitch_rad: float) -> float:
     """Standard deviation in rad of the angles of edges against a smooth motion, for a log that is
     too short to tell jitter from a pattern of the turn; 0 where there are too few. Of few edges the
-    smallest of several estimates would be small by chance: the median is taken.
+    smallest of several estimates would be small by chance: the median over the orders is taken, and
+    the smaller one of those with and without the motion that the nominal model expects. A period
+    spans several edges where the sensor counts them.
     """
-    time_s = np.cumsum(edges.end_s - edges.start_s)
-    scatter = scatter_by_order(time_s, pitch_rad * np.arange(len(time_s)))
-    return float(np.nan_to_num(np.median(scatter)))
+    period_s = edges.end_s - edges.start_s
+    turned_rad = edges.speed_rpm / edges.scale * RAD_S_PER_RPM * period_s
+    count = np.maximum(np.round(np.abs(turned_rad) / pitch_rad), 1.0)
+    step_rad = pitch_rad * np.where(turned_rad < 0.0, -count, count)
+    motions_rpm = [0.0] if edges.expected_rpm is None else [0.0, edges.expected_rpm]
+    time_s = np.cumsum(period_s)
+    scatter = [
+        scatter_by_order(time_s, np.cumsum(step_rad - rpm * RAD_S_PER_RPM * period_s), edges.chain)
+        for rpm in motions_rpm
+    ]
+    return float(np.nan_to_num(np.median(scatter, axis=1).min()))
 
 
 def _edge_variances(
