@@ -72,6 +72,17 @@ class Rig:
         pendulum = self.load["mass_kg"] * self.load["length_m"] ** 2
         return self.drive_inertia_kg_m2 + pendulum / self.gearbox["ratio"] ** 2
 
+    @property
+    def speed_time_constant_s(self) -> float:
+        """Time constant in s of the shaft's speed: inertia over viscous damping, plus that of the
+        back-EMF where a voltage drives the motor (docs/spec/model.md, section 2); inf without both.
+        """
+        motor = self.motor
+        back_emf = motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
+        driven_by_current = self.input["kind"] == "current_a"
+        damping = motor["viscous_nm_s_per_rad"] + (0.0 if driven_by_current else back_emf)
+        return self.shaft_inertia_kg_m2 / damping if damping > 0.0 else np.inf
+
     def value(self, key: str) -> float:
         """Value of a dotted key such as motor.resistance_ohm, the default where the file leaves it
         out; KeyError for an unknown one.

@@ -18,7 +18,6 @@ from vgroove.gap.selection.intervals import (
     Estimate,
     estimate_over_long_stretches,
     restarts_under_voltage_s,
-    speed_time_constant_s,
     time_clusters,
 )
 from vgroove.log import Log
@@ -66,10 +65,10 @@ def engine(problem: Problem) -> Engine:
 
 
 def test_the_time_constant_is_inertia_over_all_damping() -> None:
-    assert speed_time_constant_s(joint()) == pytest.approx(trap.INERTIA / trap.ASSUMED_DAMPING)
+    assert joint().speed_time_constant_s == pytest.approx(trap.INERTIA / trap.ASSUMED_DAMPING)
     table = tomllib.loads(trap.RIG)
     driven = rig_from_dict(table | {"input": {"kind": "voltage_v"}}, "one joint")
-    assert speed_time_constant_s(driven) == pytest.approx(
+    assert driven.speed_time_constant_s == pytest.approx(
         trap.INERTIA / (trap.ASSUMED_DAMPING + 1.0)
     )
 

@@ -1168,8 +1168,7 @@ def test_the_noise_of_a_column_is_known_where_the_rig_states_it_or_it_is_a_bound
     assert search_state.Search.noise_is_known.fget(state).tolist() == known
 
 
-# A set that closes a tenth of a squared gap of 101 far from the noise leaves 91, one that closes 0.7
-# of it 31.
+# A set that closes a tenth of a squared gap of 101 far from the noise leaves 91, 0.7 of it 31.
 @pytest.mark.parametrize(
     ("is_bound", "after", "verdict"),
     [

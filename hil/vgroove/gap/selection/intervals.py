@@ -25,7 +25,6 @@ from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restarts import RESTART, restart_interval_s
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 from vgroove.gap.selection.search_state import COMPARISON, Search
-from vgroove.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -227,17 +226,6 @@ def time_clusters(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     return np.unique(keys, return_inverse=True)[1]
 
 
-def speed_time_constant_s(rig: Rig) -> float:
-    """Time constant in s of the shaft's speed: inertia over viscous damping, plus that of the
-    back-EMF where a voltage drives the motor (docs/spec/model.md, section 2).
-    """
-    motor = rig.motor
-    driven_by_current = rig.input["kind"] == "current_a"
-    back_emf = motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
-    damping = motor["viscous_nm_s_per_rad"] + (0.0 if driven_by_current else back_emf)
-    return rig.shaft_inertia_kg_m2 / damping if damping > 0.0 else np.inf
-
-
 def restarts_under_voltage_s(problem: MeasuredProblem) -> float:
     """Time in s between restarts of the model in the log with the slowest logger, as for a motor
     that a voltage drives: 0.25 s or 32 logging intervals.
@@ -257,7 +245,7 @@ def estimate_over_long_stretches(engine: Engine, shown: Fit) -> Estimate | None:
     stretch between stops, or where the model drifts from the log in the longer time.
     """
     problem = engine.problem
-    constant_s = speed_time_constant_s(problem.rig)
+    constant_s = problem.rig.speed_time_constant_s
     if (
         not len(shown.x)
         or constant_s < min(problem.restart_s, restarts_under_voltage_s(problem))

@@ -556,9 +556,10 @@ class Search:
         """Whether a set of effects reduces the reported gap enough to be named: by at least
         min_established_share of what retuning leaves above the noise, over all signals or in one
         alone. The statistics of an impact tool describe one motion that repeats itself, so that all
-        count together, and parts of the log cannot show that a size is the same elsewhere: a set
-        must close there what divides the verdicts partial and effect. Where the sets are compared otherwise than by forward simulation, which may not show the
-        effect, the reported gap need only not grow. A gap that is not visible need not be reduced.
+        count together, and parts of the log cannot show that a size is the same elsewhere: there a
+        set must close min_closed, which divides the verdicts partial and effect. Where the sets are
+        compared otherwise than by forward simulation, which may not show the effect, the reported
+        gap need only not grow. A gap that is not visible need not be reduced.
         """
         if self.problem.sigma_is_bound:
             return self.reported_share(one) >= COMPARISON.min_closed
