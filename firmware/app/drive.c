@@ -81,6 +81,14 @@ static int16_t requested_duty(App *app, ModesCommand command, const ControllerIn
     return requested_q15;
 }
 
+// At most the duty limit. When the limit is lowered in a drive, the ramped trigger is above it
+// until it has fallen, and the duty falls with it: a step would brake with a large current.
+static int16_t limited_duty(const App *app, int16_t duty_q15) {
+    const int16_t most_q15 =
+        app->ramp_q15 > app->duty_limit_q15 ? app->ramp_q15 : app->duty_limit_q15;
+    return duty_q15 < most_q15 ? duty_q15 : most_q15;
+}
+
 // Keeps duty and speed for resumed_duty(); not while braking, when duty and speed do not match.
 static void note_driven(App *app, int16_t duty_q15, const ControllerInputs *in) {
     if (in->current_a_q9 >= 0) {
@@ -111,7 +119,7 @@ int16_t drive_step(App *app) {
     in->coasted = app->bridge.row_compare == H_BRIDGE_COAST;
     in->edges = app->hall.new_edges;
     app->driving = true;
-    const int16_t requested_q15 = requested_duty(app, command, in);
+    const int16_t requested_q15 = limited_duty(app, requested_duty(app, command, in));
     app->requested_q15 = requested_q15;
     const int16_t duty_q15 = foldback_step(&app->foldback, requested_q15, in->current_a_q9);
     if (foldback_active(&app->foldback)) {

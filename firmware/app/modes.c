@@ -59,7 +59,7 @@ ModesCommand modes_output(const Modes *self, bool release_ramps) {
 void modes_step(Modes *self, const ModesInputs *m) {
     const ModesState next = modes_next(self, m);
     if (next == MODES_FAULT || next == MODES_STOPPED || self->state == MODES_CALIBRATE ||
-        (self->state == MODES_DRIVE && m->reverse_switch != self->reverse)) {
+        (m->contact && m->reverse_switch != self->reverse)) {
         self->armed = false;
     } else if (!m->contact) {
         self->armed = true;

@@ -26,9 +26,9 @@ typedef struct {
 
 // Greatest acceleration: 55 A (trip) at 0.0109 N m/A and 1.8e-5 kg m2 (docs/spec/model.md,
 // section 4) give 318 rpm/ms.
-#define STANDSTILL_RPM_Q1_PER_MS 636u
+#define STANDSTILL_RPM_PER_MS 318u
 // Full duty gives 18.5 V / 0.0109 V s = 16,200 rpm: 64 rpm per count of the compare value.
-#define STANDSTILL_RPM_Q1_PER_COUNT 128u
+#define STANDSTILL_RPM_PER_COUNT 64u
 // Time of a drive after which the current shows whether the shaft turns: at 45 A an unloaded shaft
 // reaches 0.42 of its full speed within 26 ms and draws less than a shaft at rest from then on.
 #define STANDSTILL_STARTED_MS 100u

@@ -15,7 +15,7 @@
 //   LEVEL   RAISED  current of a soft joint
 //   SETTLE  OVER    settle time elapsed (reached, missed)
 //   RAISED  OVER    current of the target, or RAISED_MS elapsed (reached, missed, timeout)
-//   any     OVER    bridge fully on for 0.3 s without holding the level (missed)
+//   any     OVER    level not held for 0.3 s (missed; in RUN unreachable)
 #ifndef VGROOVE_CONTROLLERS_TORQUE_H
 #define VGROOVE_CONTROLLERS_TORQUE_H
 
@@ -41,12 +41,12 @@ typedef struct {
 typedef struct {
     TorqueState state;
     ControllerReason reason;
-    uint8_t row;             // of the target in torque_map
-    uint16_t ticks;          // in this state; in LEVEL and RAISED from reaching the level on
-    uint8_t full_decisions;  // consecutive decisions with the bridge fully on
-    uint8_t gathered;        // ticks in sum_a_q7, 1 to 3
-    bool entered;            // a state, in the last step
-    int16_t sum_a_q7;        // of currents
+    uint8_t row;              // of the target in torque_map
+    uint16_t ticks;           // in this state; in LEVEL and RAISED from reaching the level on
+    uint8_t short_decisions;  // consecutive decisions without the duty of the level
+    uint8_t gathered;         // ticks in sum_a_q7, 1 to 3
+    bool entered;             // a state, in the last step
+    int16_t sum_a_q7;         // of currents
     int16_t duty_q15;
     int16_t level_mv;      // requested
     int16_t goal_mv;       // level_mv moves towards it

@@ -91,6 +91,43 @@ TEST(Modes, ADirectionSwitchReleasesTheDriveUntilTheTriggerIsPressedAgain) {
     EXPECT_EQ(self.state, MODES_IDLE) << "still pressed: not armed";
 }
 
+// The travel returns to the dead band with the contact closed, and the direction is switched.
+TEST(Modes, ADriveInTheOtherDirectionNeedsAnOpenContact) {
+    Modes self = in_state(MODES_DRIVE);
+    ModesInputs m{};
+    m.contact = true;
+    modes_step(&self, &m);
+    ASSERT_EQ(self.state, MODES_RELEASE);
+    m.reverse_switch = true;
+    modes_step(&self, &m);
+    m.standstill = true;
+    modes_step(&self, &m);
+    ASSERT_EQ(self.state, MODES_IDLE);
+    ASSERT_TRUE(self.reverse);
+    m.pressed = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE) << "the contact was never open";
+    m.pressed = m.contact = false;
+    modes_step(&self, &m);
+    m.pressed = m.contact = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_DRIVE);
+}
+
+// In every state with every input: where the direction changes, the contact has been open.
+TEST(Modes, ATakenDirectionIsArmedOnlyByAnOpenContact) {
+    for (const ModesState state : ALL) {
+        for (unsigned bits = 0; bits < 512; ++bits) {
+            const ModesInputs m = inputs_of(bits & 255u);
+            Modes self = in_state(state, true, bits > 255);
+            modes_step(&self, &m);
+            if (self.reverse != (bits > 255)) {
+                ASSERT_TRUE(!self.armed || !m.contact) << state << ' ' << bits;
+            }
+        }
+    }
+}
+
 TEST(Modes, AStoppedDriveStaysOpenUntilTheContactOpens) {
     Modes self = in_state(MODES_DRIVE);
     ModesInputs m{};

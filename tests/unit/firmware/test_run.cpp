@@ -7,6 +7,7 @@
 #include <map>
 #include <vector>
 
+#include "../telemetry/frames.hpp"
 #include "eeprom.hpp"
 extern "C" {
 #include "app/control.h"
@@ -115,6 +116,16 @@ struct RunTest : testing::Test {
         }
     }
 
+    void limit_duty(int16_t limit_q15) {
+        const auto low = static_cast<uint8_t>(limit_q15 & 0xFF);
+        const auto high = static_cast<uint8_t>(limit_q15 >> 8);
+        for (const uint8_t byte : frame_of(TELEMETRY_SETPOINT_ID, {0, 0, low, high})) {
+            in.rx[0] = byte;
+            in.rx_count = 1;
+            run(2 * PERIOD_S);
+        }
+    }
+
     static uint16_t counts(double value) {
         return static_cast<uint16_t>(std::min(1023.0, std::max(0.0, std::round(value))));
     }
@@ -137,6 +148,19 @@ struct RunTest : testing::Test {
                 states.push_back({ms, d[1], d[2] & 15, d[2] >> 7, d[3], d[4] | d[5] << 8});
             }
         }
+    }
+
+    // The user presses repeatedly for 8 s with the direction switch in reverse: hundredths of a
+    // second in which the tool drives in reverse while the shaft turns forwards.
+    int driven_against_the_shaft() {
+        int count = 0;
+        for (int k = 0; k < 800; ++k) {
+            press(k % 100 < 50 ? 0.0 : 0.6, true);
+            const bool turns = tool.w > 20.0;
+            run(0.01);
+            count += turns && out.coast == 0 && out.compare < 0 ? 1 : 0;
+        }
+        return count;
     }
 
     // Greatest current in the FAST frames, A.
@@ -288,6 +312,29 @@ TEST_F(RunTest, ReleaseCoastsAndAResumedDriveDoesNotBrakeHardInAnyMode) {
     }
 }
 
+// A step of the duty would brake the turning shaft with the current of its whole back-EMF, which
+// trips at 18.5 V.
+TEST_F(RunTest, ADutyLimitLoweredInADriveActsAtTheRateOfTheTriggerInAnyMode) {
+    for (int mode = 0; mode <= static_cast<int>(TELEMETRY_MODE_MAX); ++mode) {
+        if (!control_has(static_cast<uint8_t>(mode)))
+            continue;
+        start_with({{PARAM_MODE, mode}});
+        run(0.5);
+        press(1.0);
+        run(0.8);
+        limit_duty(0);
+        fast.clear();
+        run(0.4);
+        EXPECT_EQ(faults(), 0) << mode;
+        EXPECT_LE(fast.back().compare, 0) << mode;
+        for (size_t k = 1; k < fast.size(); ++k) {
+            ASSERT_TRUE(fast[k].compare >= fast[k - 1].compare - 3 || fast[k - 1].compare <= 1)
+                << mode << ' ' << k;
+            ASSERT_GT(fast[k].current_q9, -20 * 512) << mode << ' ' << k;
+        }
+    }
+}
+
 // The ramp starts at the last duty, within the fold-back, in every mode; the duty never rises.
 TEST_F(RunTest, ARampedReleaseStartsAtTheDutyOfTheControllerInAnyMode) {
     for (int mode = 0; mode <= static_cast<int>(TELEMETRY_MODE_MAX); ++mode) {
@@ -417,14 +464,26 @@ TEST_F(RunTest, ALostSensorDelaysTheDirectionChangeWhileTheShaftTurns) {
         EXPECT_EQ(faults(), driven_s > 0.6 ? TELEMETRY_FAULTS_SENSOR_LOST : 0);
         press(0.0, true);
         run(0.5);
-        int reversed_turning = 0;
-        for (int k = 0; k < 800; ++k) {
-            press(k % 100 < 50 ? 0.0 : 0.6, true);  // the user presses repeatedly
-            const bool turns = tool.w > 20.0;
-            run(0.01);
-            reversed_turning += turns && out.coast == 0 && out.compare < 0 ? 1 : 0;
-        }
-        EXPECT_EQ(reversed_turning, 0) << driven_s;
+        EXPECT_EQ(driven_against_the_shaft(), 0) << driven_s;
+        EXPECT_EQ(states.back().reverse, 1) << "the direction changes after the run-down";
+    }
+}
+
+// A full battery without load, above 16,450 rpm: with the gain of the drive without edges the speed
+// exceeds the range of 16 bits.
+TEST_F(RunTest, ASensorLostAboveFullSpeedDelaysTheDirectionChange) {
+    for (const double driven_s : {0.05, 0.1, 0.2}) {
+        start(SIM_START_DEFAULT);
+        tool.vs = 20.5;
+        tool.friction = 0.006;
+        run(0.5);
+        press(1.0);
+        run(2.0);
+        ASSERT_GT(tool.w * 30 / M_PI, 16450.0);
+        tool.hall_works = false;
+        run(driven_s);
+        press(0.0, true);
+        EXPECT_EQ(driven_against_the_shaft(), 0) << driven_s;
         EXPECT_EQ(states.back().reverse, 1) << "the direction changes after the run-down";
     }
 }
@@ -446,14 +505,7 @@ TEST_F(RunTest, AccelerationWithoutEdgesDelaysTheDirectionChange) {
             press(1.0);
             run(driven_s);
             press(0.0, true);
-            int reversed_turning = 0;
-            for (int k = 0; k < 800; ++k) {
-                press(k % 100 < 50 ? 0.0 : 0.6, true);
-                const bool turns = tool.w > 20.0;
-                run(0.01);
-                reversed_turning += turns && out.coast == 0 && out.compare < 0 ? 1 : 0;
-            }
-            EXPECT_EQ(reversed_turning, 0) << from_rest << ' ' << driven_s;
+            EXPECT_EQ(driven_against_the_shaft(), 0) << from_rest << ' ' << driven_s;
         }
     }
 }

@@ -54,16 +54,18 @@ TEST(Standstill, ASlowEndDoesNotShortenAPendingWait) {
     EXPECT_EQ(self.unseen_ms, STANDSTILL_RUN_DOWN_MS);
 }
 
-// Ticks until rest after `ms` ticks of drive without an edge.
-int rest_after_drive(int ms, int compare, bool stood) {
+// Ticks until rest after `ms` ticks of drive without an edge, with the speed at the last edges.
+int rest_after_drive(int ms, int compare, bool stood, uint16_t ended_rpm_q1 = 0) {
     Standstill self{};
     for (int k = 0; k < ms; ++k)
         if (standstill_driven(&self, static_cast<int16_t>(compare)))
             self.stood = stood;
-    const StandstillInputs coasts{false, true, 0};
-    for (int k = 0; k < 10000; ++k)
+    StandstillInputs coasts{false, true, ended_rpm_q1};
+    for (int k = 0; k < 10000; ++k) {
         if (standstill_step(&self, &coasts))
             return k;
+        coasts.ended_rpm_q1 = 0;
+    }
     return -1;
 }
 
@@ -78,6 +80,25 @@ TEST(Standstill, WaitsForTheSpeedThatADriveMayHaveGivenWithoutEdges) {
         << "too early to evaluate the current";
     EXPECT_EQ(rest_after_drive(100, 255, true), 0) << "a shaft at rest under load";
     EXPECT_EQ(rest_after_drive(300, 255, false), 255 * 128 * 10000 / 65536);
+}
+
+TEST(Standstill, ASpeedBeyondFullSpeedWaitsForTheWholeRunDown) {
+    for (const int ended_rpm_q1 : {32766, 32767, 32894, 32896, 34976, 65535})
+        for (const int ms : {1, 10, 48, 49, 50, 51, 52, 99, 100, 300})
+            EXPECT_EQ(rest_after_drive(ms, 255, false, static_cast<uint16_t>(ended_rpm_q1)),
+                      static_cast<int>(STANDSTILL_RUN_DOWN_MS))
+                << ended_rpm_q1 / 2 << " rpm, driven " << ms << " ms";
+}
+
+TEST(Standstill, TheWaitNeverFallsWithTheSpeedAtTheLastEdges) {
+    for (const int ms : {0, 5, 60}) {
+        int last = 0;
+        for (int rpm_q1 = 0; rpm_q1 < 65536; rpm_q1 += 151) {
+            const int waits = rest_after_drive(ms, 255, false, static_cast<uint16_t>(rpm_q1));
+            ASSERT_GE(waits, last) << rpm_q1 << ' ' << ms;
+            last = waits;
+        }
+    }
 }
 
 }  // namespace

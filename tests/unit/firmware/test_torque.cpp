@@ -27,7 +27,8 @@ struct Tool {
     Torque torque{};
     Blow blow{};
     double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0,
-           own_v = 0.0;  // own_v: k w + R i
+           own_v = 0.0;       // own_v: k w + R i
+    double duty_limit = 1.0;  // of the board, by its setpoint or by the fold-back
     int16_t travel_q15 = INT16_MAX, requested = 0;
     int ticks = 0, steps = 0;
     bool blows_busy = false;  // every fifth tick
@@ -49,7 +50,7 @@ struct Tool {
         blow.busy = steps < 2 || (blows_busy && steps % 5 == 1);  // at its start, or at a blow
         ++steps;
         requested = torque_step(&torque, &set, &in, &blow);
-        duty = requested < 0 ? 0.0 : requested / 32767.0;
+        duty = requested < 0 ? 0.0 : std::min(requested / 32767.0, duty_limit);
         ++ticks;
         return requested;
     }
@@ -248,6 +249,57 @@ TEST(Torque, ReportsMissedWhenTheSupplyFallsBelowTheLevel) {
     EXPECT_NEAR(torque_estimate(&tool.torque), 980, 30);  // 10 V: about 98 N m
 }
 
+TEST(Torque, ALevelAboveTheDutyLimitIsMissedWithTheTorqueOfTheHeldVoltage) {
+    Tool tool(100);
+    const double level_v = torque_map_level_mv(row_of(100)) / 1000.0;
+    tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + 0.1;
+    tool.duty_limit = 0.4;
+    ASSERT_TRUE(tool.run_into(TORQUE_LEVEL));
+    EXPECT_FALSE(tool.run(1500));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
+    EXPECT_NEAR(torque_estimate(&tool.torque), 1000 + (tool.own_v - level_v) / 0.0105, 30);
+}
+
+TEST(Torque, ADutyLimitReachedInSettlingOrOnTheRaisedLevelIsMissed) {
+    for (const auto &[state, above_a] : {std::pair{TORQUE_SETTLE, 0.2}, {TORQUE_RAISED, -0.1}}) {
+        Tool tool(100);
+        tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + above_a;
+        ASSERT_TRUE(tool.run_into(state));
+        tool.duty_limit = 0.4;
+        const int ms = stay(tool);
+        EXPECT_NEAR(ms, 300, 10) << state;
+        EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED) << state;
+    }
+}
+
+TEST(Torque, ADutyLimitBelowTheRunLevelIsUnreachable) {
+    Tool tool(100);
+    tool.current_a = 2.0;
+    tool.duty_limit = 0.2;
+    for (int n = 0; n < 1000 && tool.requested != CONTROLLER_STOP; ++n) {
+        tool.ticks = std::min(tool.ticks, 20);  // without blows
+        tool.step();
+    }
+    EXPECT_EQ(tool.requested, CONTROLLER_STOP);
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_UNREACHABLE);
+    EXPECT_EQ(torque_estimate(&tool.torque), 0);
+}
+
+// The board drives in steps of 1/255, and the fold-back acts for some ticks.
+TEST(Torque, AReductionOfAStepOrForAShortTimeIsNoMiss) {
+    Tool tool(100);
+    tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + 0.1;
+    ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
+    const double duty = tool.duty;
+    tool.duty_limit = duty - 1.0 / 255.0;
+    EXPECT_TRUE(tool.run(1000));
+    tool.duty_limit = 0.3;
+    EXPECT_TRUE(tool.run(280));
+    tool.duty_limit = 1.0;
+    EXPECT_FALSE(tool.run(2000));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_REACHED);
+}
+
 TEST(Torque, TheFirstBlowsAreAQuarterOfAVoltLowerAndRamped) {
     Tool tool(100);
     tool.current_a = 2.0;
@@ -353,6 +405,16 @@ TEST(Torque, AHammerThatDoesNotPassTheLugsIsMissed) {
     Tool tool(60);
     tool.current_a = 25.0;
     ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
+    EXPECT_FALSE(tool.run(6000));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
+    EXPECT_EQ(torque_estimate(&tool.torque), 0);
+}
+
+TEST(Torque, AHammerThatDoesNotPassTheLugsAtTheFoldbackIsMissedWithoutAnEstimate) {
+    Tool tool(100);
+    tool.current_a = 44.0;
+    tool.duty_limit = 0.45;
+    ASSERT_TRUE(tool.run_into(TORQUE_LEVEL));
     EXPECT_FALSE(tool.run(6000));
     EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
     EXPECT_EQ(torque_estimate(&tool.torque), 0);
