@@ -7,11 +7,12 @@
 #include "core/slew.h"
 
 #define TRAVEL_MIN_Q15 9830  // 0.3: below it the duty is the trigger's, for starting a screw
-#define LEVEL_MIN_MV 13400
-#define LEVEL_MAX_MV 16600
-#define SLEW_Q15 328      // 0.01 per tick
-#define SUPPLY_SHIFT 3u   // time constant of the supply filter, run every third tick: 24 ms
-#define CURRENT_SHIFT 4u  // of the current filter: 48 ms
+#define LEVEL_BELOW_MV 800   // the trim lowers the level to so much below low_mv at most,
+#define LEVEL_ABOVE_MV 1100  // and raises it to so much above high_mv
+#define OFF_MAX_MV 21844     // of the level and the voltage: 1.5 times it fits in 16 bits
+#define SLEW_Q15 328         // 0.01 per tick
+#define SUPPLY_SHIFT 3u      // time constant of the supply filter, run every third tick: 24 ms
+#define CURRENT_SHIFT 4u     // of the current filter: 48 ms
 
 // Trim per blow.
 #define STEP_UP_MV 100
@@ -80,6 +81,14 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
     return (int16_t)(set->low_mv + part_of((int16_t)(set->high_mv - set->low_mv), travel_q15));
 }
 
+static int16_t least_mv(const SyncSetpoints *set) {
+    return (int16_t)(set->low_mv - LEVEL_BELOW_MV);
+}
+
+static int16_t most_mv(const SyncSetpoints *set) {
+    return (int16_t)(set->high_mv + LEVEL_ABOVE_MV);
+}
+
 // Whether the blows were irregular for so long that the level moves across to another range. Counts
 // the last blow.
 static bool crosses(Sync *self, const SyncSetpoints *set, const Blow *blow) {
@@ -107,14 +116,14 @@ static bool crosses(Sync *self, const SyncSetpoints *set, const Blow *blow) {
 
 // Moves the level across the range that is out of step: upwards until the bridge is fully on or the
 // band ends, then downwards from the voltage that there is.
-static void cross(Sync *self) {
+static void cross(Sync *self, const SyncSetpoints *set) {
     const int16_t supply_mv = (int16_t)(self->supply_mv_q1 >> 1);
     const int16_t given_mv = self->level_mv < supply_mv ? self->level_mv : supply_mv;
-    const bool ends = self->falls ? self->level_mv <= LEVEL_MIN_MV
-                                  : self->level_mv >= LEVEL_MAX_MV || self->goal_q15 == INT16_MAX;
+    const bool ends = self->falls ? self->level_mv <= least_mv(set)
+                                  : self->level_mv >= most_mv(set) || self->goal_q15 == INT16_MAX;
     self->falls = self->falls != ends;
     self->trim_mv =
-        (int16_t)(self->trim_mv + given_mv - self->level_mv + (self->falls ? -CROSS_MV : CROSS_MV));
+        (int16_t)(given_mv - self->level_mv + self->trim_mv + (self->falls ? -CROSS_MV : CROSS_MV));
     self->crossed = true;
 }
 
@@ -127,7 +136,7 @@ static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t by_method =
         (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? by_depth : trim_by_current(self, set);
     if (crosses(self, set, blow)) {
-        cross(self);
+        cross(self, set);
         self->state = SYNC_SEEK;
         return;
     }
@@ -138,11 +147,12 @@ static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     self->state = out_of_step || self->settle_blows > 0u ? SYNC_SEEK : SYNC_HOLD;
 }
 
+// Limits the trim by the limits of the level.
 static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     const int16_t base = base_mv(set, travel_q15);
-    self->level_mv =
-        (int16_t)fixed_clamp_i32((int32_t)base + self->trim_mv, LEVEL_MIN_MV, LEVEL_MAX_MV);
-    self->trim_mv = (int16_t)(self->level_mv - base);  // anti-windup
+    const int16_t least = (int16_t)(least_mv(set) - base), most = (int16_t)(most_mv(set) - base);
+    self->trim_mv = self->trim_mv < least ? least : self->trim_mv > most ? most : self->trim_mv;
+    self->level_mv = (int16_t)(base + self->trim_mv);
 }
 
 // Duty of the level, by steps that leave a sixth of the error or less: 3/2 approximates 2^15 over
@@ -150,7 +160,8 @@ static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) 
 static void approach(Sync *self) {
     const int16_t given_mv =
         (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
-    const int16_t off_mv = (int16_t)(self->level_mv - given_mv);
+    int16_t off_mv = (int16_t)(self->level_mv - given_mv);
+    off_mv = off_mv > OFF_MAX_MV ? OFF_MAX_MV : off_mv < -OFF_MAX_MV ? -OFF_MAX_MV : off_mv;
     const int16_t more_q15 = (int16_t)(off_mv + (off_mv >> 1));
     self->goal_q15 =
         more_q15 > INT16_MAX - self->goal_q15 ? INT16_MAX : (int16_t)(self->goal_q15 + more_q15);

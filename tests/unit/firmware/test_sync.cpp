@@ -183,6 +183,45 @@ TEST_P(SyncMethods, PersistentIrregularitySearchesTheWholeBandUpAndDown) {
     EXPECT_NEAR(least, 13.4, 0.01);
 }
 
+// For another tool: its level, and the limits of the trim around it.
+TEST_P(SyncMethods, TheParametersSetTheLevelAndItsLimits) {
+    for (const auto &[low_mv, high_mv] : {std::pair{6000, 6000},
+                                          {6000, 25000},
+                                          {10000, 12000},
+                                          {12922, 14105},
+                                          {15833, 17282},
+                                          {18000, 18000},
+                                          {25000, 25000}}) {
+        SyncSetpoints set = GetParam();
+        set.low_mv = static_cast<int16_t>(low_mv);
+        set.high_mv = static_cast<int16_t>(high_mv);
+        Tool full(set), part(set), deep(set);
+        EXPECT_NEAR(full.run(600, 1.0, 31.0, 0.03), high_mv / V, 0.05) << low_mv;
+        EXPECT_NEAR(sync_estimate(&full.sync), high_mv, 2) << low_mv;
+        part.run(600, 0.5, 31.0, 0.03);
+        EXPECT_NEAR(sync_estimate(&part.sync), (low_mv + high_mv) / 2, 2) << low_mv;
+        deep.run(9000, 1.0, 31.0, 0.25);
+        EXPECT_NEAR(sync_estimate(&deep.sync), high_mv + 1100, 2) << low_mv;
+        double least = 40;
+        Tool irregular(set);
+        for (int n = 0; n < 1200; ++n) {
+            const double level = irregular.uneven(1, 0.2, 31.0);
+            least = level > 0 ? std::min(least, level) : least;
+        }
+        EXPECT_NEAR(least, (low_mv - 800) / V, 0.01) << high_mv;
+    }
+}
+
+TEST_P(SyncMethods, ALevelFarFromTheVoltageIsApproachedWithoutOverflow) {
+    SyncSetpoints high = GetParam(), low = GetParam();
+    high.low_mv = high.high_mv = 25000;
+    low.low_mv = low.high_mv = 6000;
+    Tool up(high), down(low);
+    EXPECT_NEAR(up.run(600, 1.0, 12.0, 0.03), 12.0, 0.01);
+    down.free_run(400, 1.0, 32.0);
+    EXPECT_NEAR(down.run(600, 1.0, 32.0, 0.03), 6.0, 0.05);
+}
+
 TEST_P(SyncMethods, OutOfStepRaisesTheLevelFastToItsLimit) {
     Tool tool(GetParam());
     const double before = tool.run(200, 0.6, 20.5, 0.03), after = tool.run(200, 0.6, 20.5, 0.25);
