@@ -207,8 +207,8 @@ static int16_t governed(const Drill *self, const DrillSetpoints *set, const Cont
     const int16_t load_a_q9 = not_below_0(filtered(self->level_a_q17));
     const int16_t load_a_q4 =
         (int16_t)(load_a_q9 > CLUTCH_A_Q9_MAX ? CLUTCH_A_Q4_MAX : fixed_byte_part(load_a_q9, 8));
-    const int16_t drop_mv =
-        (int16_t)(((int32_t)(int16_t)(load_a_q4 << 2) * (int16_t)(3u * set->motor_mohm)) >> 8);
+    const int32_t drop_mv =
+        ((int32_t)(int16_t)(load_a_q4 << 2) * (int16_t)(3u * set->motor_mohm)) >> 8;
     const uint16_t now_mv =
         (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)self->duty_q15) * in->supply_mv) >> 16);
     const int32_t missing_mv = (int32_t)self->limit_mv + drop_mv - now_mv;
@@ -261,7 +261,7 @@ static void change_pulse(Drill *self, const DrillSetpoints *set, const Controlle
         self->phase_ms = 0;
     }
     if (next == DRILL_COAST && self->state == DRILL_RUN) {
-        self->mv_per_rpm_q16 = divide_by_u16((uint32_t)500u << 16, set->rpm_per_v);
+        self->mv_per_rpm_q12 = divide_by_u16((uint32_t)500u << 12, set->rpm_per_v);
         self->pulse_ms = 0;
         self->bin_ms = 0;
         self->bin_sum = 0;
@@ -269,17 +269,17 @@ static void change_pulse(Drill *self, const DrillSetpoints *set, const Controlle
     self->state = (uint8_t)next;
 }
 
-static uint16_t induced_mv(const Drill *self, int16_t speed_rpm_q1) {
-    return (uint16_t)(((uint32_t)(uint16_t)(speed_rpm_q1 > 0 ? speed_rpm_q1 : 0) *
-                       self->mv_per_rpm_q16) >>
-                      16);
+static uint32_t induced_mv(const Drill *self, int16_t speed_rpm_q1) {
+    return fixed_byte_down((uint32_t)(uint16_t)(speed_rpm_q1 > 0 ? speed_rpm_q1 : 0) *
+                           self->mv_per_rpm_q12) >>
+           4;
 }
 
 // Kickback while the bridge is open, by the Hall sensor: the speed lost in the coast exceeds what
 // an ordinary load takes.
 static bool jammed_coasting(const Drill *self, const ControllerInputs *in) {
-    return self->state == DRILL_COAST && self->phase_ms == PULSE_COAST_MS &&
-           (int32_t)self->emf_mv - induced_mv(self, in->speed_rpm_q1) >
+    return self->state == DRILL_COAST && self->phase_ms == PULSE_COAST_MS - 1u &&
+           self->emf_mv - (int32_t)induced_mv(self, in->speed_rpm_q1) >
                (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
 }
 

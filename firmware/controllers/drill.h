@@ -47,7 +47,7 @@ typedef struct {
     int16_t last_a_q9;
     int16_t emf_mv;           // back-EMF of the last tick that measured it
     int16_t fallen_mv;        // sum of the falls of emf_mv beyond those of ordinary loads
-    uint16_t mv_per_rpm_q16;  // back-EMF per 0.5 rpm
+    uint16_t mv_per_rpm_q12;  // back-EMF per 0.5 rpm
     int16_t limit_mv;         // back-EMF of the greatest speed with the clutch set
     int16_t now_a_q4;         // load current predicted for the opening of the bridge
     int16_t duty_q15;

@@ -3,6 +3,7 @@ limits on a fifth of its cells.
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -787,6 +788,19 @@ def test_a_jam_opens_the_bridge_in_both_directions(gear: str, reverse: float) ->
     first_s, final_s = drill.opened_s(run, 0.8)
     assert torque.reason_of(run) == "kickback" and first_s - 0.8 <= 0.03 and final_s - 0.8 <= 0.03
     assert np.sign(run.truth["speed_rad_s"][run.truth["time_s"] < 0.8][-1]) == 1.0 - 2.0 * reverse
+
+
+def test_a_jam_early_in_a_coast_of_pulse_mode_keeps_the_bridge_open() -> None:
+    load = ((0.0, 0.0), (0.6, 0.0), (0.65, 6.0))
+    rig, params = drill.drill_rig("low", 20.5), drill.drill_params("low", pulse=True)
+    profile = Profile(travel=drill.pulled(1.0), load_nm=load)
+    plan = RunPlan(profile, drill.CONTROLLER.mode, params, 1.0, 3, truth_every=4)
+    free = run_plan(rig, plan).truth
+    is_open = np.isnan(free["duty"]) & (free["time_s"] > 0.75)
+    jam_s = free["time_s"][np.flatnonzero(is_open[1:] & ~is_open[:-1])[0]] + 0.005
+    jam = (*load, (jam_s, 6.0), (jam_s + 0.005, 1.5 * drill.stall_nm("low", 20.5)))
+    run = run_plan(rig, replace(plan, profile=replace(profile, load_nm=jam)))
+    assert torque.reason_of(run) == "kickback" and drill.opened_s(run, jam_s)[1] < jam_s
 
 
 def test_fifth_of_the_drill_driver(fifth: Any) -> None:

@@ -157,6 +157,102 @@ TEST(Drill, AJamOpensTheBridgeWithin15Ms) {
             }
 }
 
+// The controller with given inputs: pulse mode from full speed, until the coast.
+struct Pulses {
+    DrillSetpoints set = PLAIN;
+    Drill drill{};
+    ControllerInputs in{};
+    int16_t out = 0;
+
+    explicit Pulses(uint16_t rpm_per_v, double volts = 18.0, double current_a = 20.0) {
+        set.pulse = true;
+        set.rpm_per_v = rpm_per_v;
+        drill_start(&drill, &set);
+        in.travel_q15 = in.trigger_q15 = INT16_MAX;
+        in.supply_mv = static_cast<uint16_t>(volts * 1000);
+        in.edges = 1;
+        for (int n = 0; n < 100 && drill.state != DRILL_COAST; ++n) {
+            in.current_a_q9 = static_cast<int16_t>((n < 50 ? 10.0 : current_a) * 512);
+            in.speed_rpm_q1 = static_cast<int16_t>(2 * rpm_per_v * emf_v());
+            step();
+        }
+    }
+
+    double emf_v() const {
+        return in.supply_mv / 1000.0 - in.current_a_q9 / 512.0 * set.motor_mohm / 1000.0;
+    }
+
+    uint8_t step() {
+        in.coasted = out == CONTROLLER_COAST;
+        in.duty_q15 = in.coasted ? int16_t{0} : INT16_MAX;
+        const Blow none{};
+        out = drill_step(&drill, &set, &in, &none);
+        return drill.state;
+    }
+};
+
+// The jam begins in the coast: the bridge must not close on the standing shaft.
+TEST(Drill, AJamWhileCoastingStopsBeforeThePulse) {
+    for (const int jams_at : {1, 10, 22}) {
+        Pulses pulses(876);
+        ASSERT_EQ(pulses.drill.state, DRILL_COAST);
+        for (int ms = 0; ms < 24; ++ms) {
+            ASSERT_EQ(pulses.drill.state, DRILL_COAST) << ms;
+            pulses.in.speed_rpm_q1 = ms < jams_at ? pulses.in.speed_rpm_q1 : int16_t{0};
+            pulses.in.current_a_q9 = 0;
+            pulses.step();
+        }
+        EXPECT_EQ(pulses.drill.state, DRILL_STOPPED) << jams_at;
+        EXPECT_EQ(drill_stop_reason(&pulses.drill), CONTROLLER_REASON_KICKBACK) << jams_at;
+    }
+}
+
+// 12 N m in low gear take 36 A: the back-EMF falls by 6.7 V in a coast of 25 ms.
+TEST(Drill, AnOrdinaryLoadWhileCoastingIsNoJam) {
+    Pulses pulses(876);
+    const double emf_v = pulses.emf_v();
+    for (int ms = 0; ms < 24; ++ms) {
+        pulses.in.current_a_q9 = 0;
+        pulses.in.speed_rpm_q1 = static_cast<int16_t>(2 * 876 * (emf_v - (ms + 1) * 0.27));
+        pulses.step();
+    }
+    EXPECT_EQ(pulses.drill.state, DRILL_PULSE);
+}
+
+TEST(Drill, ThePulseOfEveryMotorIsLimitedByItsBackEmf) {
+    for (const int rpm_per_v : {50, 100, 300, 400, 499, 500, 501, 876, 950}) {
+        Pulses pulses(static_cast<uint16_t>(rpm_per_v), 25.0, 45.0);
+        ASSERT_EQ(pulses.drill.state, DRILL_COAST) << rpm_per_v;
+        pulses.in.speed_rpm_q1 = static_cast<int16_t>(2 * rpm_per_v * 10.0);
+        for (int ms = 0; ms < 60; ++ms)
+            pulses.step();
+        ASSERT_EQ(pulses.drill.state, DRILL_PULSE) << rpm_per_v;
+        EXPECT_NEAR(pulses.out / 32767.0 * 25.0, 10.0 + 44 * 0.19, 0.02) << rpm_per_v;
+    }
+}
+
+TEST(Drill, TheGovernedSpeedOfAWindingOfHighResistance) {
+    for (const int mohm : {190, 1000, 1092, 1093, 1500, 2000}) {
+        DrillSetpoints set = with_clutch(13.0);
+        set.motor_mohm = static_cast<uint16_t>(mohm);
+        set.kickback = false;
+        Drill drill;
+        drill_start(&drill, &set);
+        ControllerInputs in{};
+        in.travel_q15 = in.duty_q15 = INT16_MAX;
+        in.supply_mv = 65000;
+        in.current_a_q9 = 39 * 512;
+        int16_t out = 0;
+        for (int n = 0; n < 400; ++n) {
+            const Blow none{};
+            drill.set_a2_q8 = INT32_MAX;  // the clutch is not reached
+            out = drill_step(&drill, &set, &in, &none);
+        }
+        const double wanted_v = drill.limit_mv / 1000.0 + 0.75 * 39 * mohm / 1000.0;
+        EXPECT_NEAR(out / 32767.0 * 65.0, wanted_v, 0.5) << mohm << " mohm";
+    }
+}
+
 TEST(Drill, AnOrdinaryOverloadIsNoJam) {
     for (const double volts : {16.0, 20.5}) {
         Drive drive = Drive(PLAIN, volts).begun();
