@@ -297,7 +297,7 @@ MARKS = [(6553.5, True), (-3276.8, True), (60.0, False)]  # times most / 20
 
 @pytest.mark.parametrize(("mark", "refused"), MARKS)
 @pytest.mark.parametrize("column", ["current_a", "speed_rpm"])
-def test_a_value_that_marks_missing_samples_is_named(
+def test_any_value_far_beyond_the_others_marks_missing_samples_in_single_rows(
     column: str, mark: float, refused: bool
 ) -> None:
     log, tool = practice()
@@ -306,6 +306,45 @@ def test_a_value_that_marks_missing_samples_is_named(
         assert not plausibility_findings(with_values(log, column, rows, value), tool)
     found = plausibility_findings(with_values(log, column, range(500, 5000, 97), value), tool)
     assert [(f.refuses, "47 rows" in f.text) for f in found] == [(True, True)] * refused
+
+
+SINGLE = tuple(range(500, 5000, 97))
+BURSTS = tuple(row + k for row in range(500, 5000, 500) for k in range(10))
+
+
+@pytest.mark.parametrize("mark", [65_535, 32_767, -32_768])
+@pytest.mark.parametrize("rows", [SINGLE, BURSTS, (0, 1, 2), (5997, 5998, 5999), range(500, 4000)])
+@pytest.mark.parametrize("top", [9000.0, 13_200.0, 24_700.0])
+def test_a_number_that_loggers_write_is_a_mark_whatever_its_ratio_and_run(
+    mark: float, rows: tuple[int, ...], top: float
+) -> None:
+    log, tool = practice()
+    slower = scaled(log, "speed_rpm", top / np.nanmax(log["speed_rpm"]))
+    found = plausibility_findings(with_values(slower, "speed_rpm", rows, mark), tool)
+    assert [(f.refuses, f"in {len(rows)} rows" in f.text) for f in found] == [(True, True)], found
+    assert not plausibility_findings(with_values(slower, "speed_rpm", rows[:2], mark), tool)
+
+
+@pytest.mark.parametrize("rows", [SINGLE, BURSTS])
+def test_a_mark_within_the_range_of_its_column_is_seen_where_the_column_is_far_from_it(
+    rows: tuple[int, ...],
+) -> None:
+    log, tool = practice()  # its speed passes 9999 rpm on the way to 24,700 rpm
+    (found,) = plausibility_findings(with_values(log, "speed_rpm", rows, 9999.0), tool)
+    assert found.refuses and "exactly 9999" in found.text
+
+
+@given(st.integers(-2, 2), st.sampled_from([9999, 32_767, 65_535]), st.integers(1, 500))
+@settings(max_examples=60, deadline=None)
+def test_a_number_that_a_column_comes_near_to_is_no_mark(rest: int, mark: int, speed: int) -> None:
+    """A counter that passes the number or rests at it, a speed around it, a sensor at its limit."""
+    rng, rows = np.random.default_rng(speed), np.arange(2000)
+    counter = np.minimum(mark - 90 + speed * np.maximum(rows - 100, 0) // 20, mark + rest)
+    steady = np.round(mark + rng.normal(0.0, 1.0 + 0.01 * speed, 2000))
+    clipped = np.minimum(mark, np.round(1.2 * mark * np.sin(rows * speed / 1e5) ** 2))
+    columns = {"position_rad": counter, "speed_rpm": steady, "current_a": clipped}
+    log = Log(rows / 1000.0, {"duty": np.full(2000, 0.5)} | columns, "near")
+    assert not [f for f in plausibility_findings(log) if "missing samples" in f.text]
 
 
 def with_values(log: Log, column: str, rows: Iterable[int], value: float) -> Log:

@@ -15,39 +15,99 @@ from vgroove.units import RPM_PER_RAD_S
 class MarkRules:
     """When a value marks missing samples (values chosen; no log of tests/data comes near)."""
 
-    beyond: float = 5.0  # times the largest magnitude of the other rows
     min_rows: int = 3  # that hold exactly this value
-    alone: float = 0.8  # share of them whose neighbours do not hold it
+    # what loggers write for a missing sample: limits of integers of 16 and 32 bits, and nines
+    sizes: tuple[float, ...] = (32_767, 32_768, 65_535, 9999, 99_999, 2**31 - 1, 2**31, 2**32 - 1)
+    # usual changes of the column (its quantile usual_quantile of all changes that are not 0), by
+    # which such a value differs from the values before and after it; a shaft that passes the value
+    # or rests at it comes near first
+    step: float = 20.0
+    usual_quantile: float = 0.9
+    # any other value: times the largest magnitude of the other rows
+    beyond: float = 5.0
+    alone: float = 0.8  # share of its rows whose neighbours do not hold it
     # times the rig's value beyond which a sensor at its limit is none: 2 for a current that brakes
     # against the supply, 2 for a rig whose values are off
     over_rig: float = 4.0
-    # what loggers write for a missing sample: limits of integers of 16 and 32 bits, and nines
-    sizes: tuple[float, ...] = (32_767, 32_768, 65_535, 9999, 99_999, 2**31 - 1, 2**31, 2**32 - 1)
 
 
 MARK = MarkRules()
 
 
 def marked_findings(log: Log, rig: Rig | None) -> list[Finding]:
-    """Findings on columns in which one value, far beyond all others, stands in single rows: the
-    mark of a missing sample, such as 65535, or the limit of a sensor.
+    """Findings on columns with a mark of missing samples, or with a sensor at its limit: a number
+    that loggers write for a missing sample and that the column reaches by a step, or any other
+    value, far beyond all others, in single rows.
     """
     found = []
     for name in (name for name in JUDGED_COLUMNS if name in log.columns):
         values = np.asarray(log.columns[name], float)
-        size = np.abs(np.nan_to_num(values))
-        top, marked = float(size.max(initial=0.0)), size == size.max(initial=0.0)
-        others = float(size[~marked].max(initial=0.0))
-        if others == 0.0 or top <= MARK.beyond * others or not _in_single_rows(marked):
-            continue
-        text = (
-            f"column {name}: reads exactly {values[marked][0]:.6g} in {np.count_nonzero(marked)} "
-            f"rows and {others:.4g} at most in the others: if it marks missing samples, write them "
-            "as empty cells or NaN"
-        )
-        certain = top in MARK.sizes or top > MARK.over_rig * _largest_of_rig(name, rig)
-        found.append(Finding(text, refuses=certain, warns=not certain))
+        found += _logger_marks(name, values) or _far_values(name, values, rig)
     return found
+
+
+def _logger_marks(name: str, values: np.ndarray) -> list[Finding]:
+    """A refusal for each number of MARK.sizes that a column (rows,) reaches by a step and leaves by
+    one, in consecutive rows or in single ones.
+    """
+    seen = values[np.isfinite(values)]
+    is_mark = np.isin(np.abs(seen), MARK.sizes)
+    far, found = _far_step(seen[~is_mark]), []
+    for mark in np.unique(seen[is_mark]):
+        rows, least = _rows_after_steps(seen, mark, far)
+        if rows >= MARK.min_rows:
+            text = (
+                f"column {name}: reads exactly {mark:.6g} in {rows} rows, {least:.4g} or more away "
+                "from the values beside them, and loggers write this number for a sample that they "
+                "lack: if it marks missing samples, write them as empty cells or NaN"
+            )
+            found.append(Finding(text, refuses=True))
+    return found
+
+
+def _far_step(others: np.ndarray) -> float:
+    """Change of a column from row to row that its other values (n,) do not explain: many usual
+    changes, or more than from 0 or any other value to the farthest. inf without other values.
+    """
+    if not len(others):
+        return np.inf
+    span = float(max(others.max(), 0.0) - min(others.min(), 0.0))
+    changes = np.abs(np.diff(others))
+    changes = changes[changes > 0.0]
+    if not len(changes):
+        return span
+    return min(span, MARK.step * float(np.quantile(changes, MARK.usual_quantile)))
+
+
+def _rows_after_steps(seen: np.ndarray, mark: float, far: float) -> tuple[int, float]:
+    """Number of values (n,) that are the mark, in runs which begin and end with a change of more
+    than far, and the smallest of these changes. A run that begins or ends the column has one.
+    """
+    held = np.concatenate([[False], seen == mark, [False]])
+    begin, end = np.flatnonzero(held[1:] & ~held[:-1]), np.flatnonzero(held[:-1] & ~held[1:])
+    steps = np.abs(np.diff(seen, prepend=np.inf, append=np.inf))
+    least = np.minimum(steps[begin], steps[end])
+    reached = (least > far) & np.isfinite(least)
+    return int((end - begin)[reached].sum()), float(least[reached].min(initial=np.inf))
+
+
+def _far_values(name: str, values: np.ndarray, rig: Rig | None) -> list[Finding]:
+    """A finding on the largest magnitude of a column (rows,), where it is far beyond all others and
+    stands in single rows: a refusal for the mark of a missing sample, a warning for what may be the
+    limit of a sensor.
+    """
+    size = np.abs(np.nan_to_num(values))
+    top, marked = float(size.max(initial=0.0)), size == size.max(initial=0.0)
+    others = float(size[~marked].max(initial=0.0))
+    if others == 0.0 or top <= MARK.beyond * others or not _in_single_rows(marked):
+        return []
+    text = (
+        f"column {name}: reads exactly {values[marked][0]:.6g} in {np.count_nonzero(marked)} "
+        f"rows and {others:.4g} at most in the others: if it marks missing samples, write them "
+        "as empty cells or NaN"
+    )
+    certain = top in MARK.sizes or top > MARK.over_rig * _largest_of_rig(name, rig)
+    return [Finding(text, refuses=certain, warns=not certain)]
 
 
 def _in_single_rows(marked: np.ndarray) -> bool:
