@@ -145,7 +145,8 @@ def test_a_wrong_unit_is_named_where_a_current_drives(
     assert len(found) == 1 and mend in found[0], found
 
 
-def test_the_acceleration_per_current_allows_for_friction_noise_and_load() -> None:
+def current_driven() -> tuple[Log, Rig]:
+    """A log with noise of a tool with friction and a load, which a current drives."""
     tool = replace(rig(), input={"kind": "current_a"}, load={"kind": "torque"})
     rng, time_s = np.random.default_rng(3), np.arange(4000) / 1000.0
     current = 6.0 * np.sign(np.sin(9.0 * time_s)) + 2.0 * np.sin(31.0 * time_s)
@@ -160,10 +161,58 @@ def test_the_acceleration_per_current_allows_for_friction_noise_and_load() -> No
         "speed_rpm": (speed + rng.normal(0.0, 1.0, 4000)) * 30.0 / np.pi,
         "load_nm": load,
     }
-    factors = acceleration_factors(Log(time_s, columns, "made"), tool)
+    return Log(time_s, columns, "made"), tool
+
+
+def test_the_acceleration_per_current_allows_for_friction_noise_and_load() -> None:
+    log, tool = current_driven()
+    factors = acceleration_factors(log, tool)
     assert factors["speed_rpm"] == pytest.approx(1.0, abs=0.03)
-    noise = {**columns, "speed_rpm": rng.normal(0.0, 100.0, 4000)}
-    assert acceleration_factors(Log(time_s, noise, "noise"), tool) == {}
+    noise = {**log.columns, "speed_rpm": np.random.default_rng(1).normal(0.0, 100.0, 4000)}
+    assert acceleration_factors(replace(log, columns=noise), tool) == {}
+
+
+@pytest.mark.parametrize("column", ["speed_rpm", "load_nm", "current_a"])
+@pytest.mark.parametrize("rows", [[0], [5], [2000], range(0, 4000, 7), range(100, 3000)])
+def test_missing_samples_leave_the_acceleration_that_the_others_show(
+    column: str, rows: Iterable[int]
+) -> None:
+    log, tool = current_driven()
+    whole = acceleration_factors(log, tool)["speed_rpm"]
+    part = with_values(log, column, rows, np.nan)
+    assert acceleration_factors(part, tool)["speed_rpm"] == pytest.approx(whole, rel=0.08)
+    (found,) = unit_findings(scaled(part, "speed_rpm", RAD_S_PER_RPM), tool)
+    assert found.refuses and '"speed_rpm:rad/s=speed_rpm"' in found.text
+    assert unit_findings(part, tool) == []
+
+
+@pytest.mark.parametrize("column", ["current_a", "load_nm"])
+def test_a_column_that_is_slower_than_the_log_shows_the_acceleration(column: str) -> None:
+    log, tool = current_driven()
+    slow = with_values(log, column, np.flatnonzero(np.arange(4000) % 10), np.nan)
+    assert acceleration_factors(slow, tool)["speed_rpm"] == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_run_without_current_shows_no_acceleration_per_current() -> None:
+    log, tool = current_driven()
+    coasting = 5000.0 * np.exp(-log.time_s) + log["speed_rpm"] % 1.0
+    columns = log.columns | {"current_a": np.zeros(4000), "speed_rpm": coasting}
+    assert acceleration_factors(replace(log, columns=columns), tool) == {}
+    assert not check_log(replace(log, columns=columns), tool).refused
+
+
+@pytest.mark.parametrize(("values", "said"), [(None, "is missing"), (np.nan, "holds no value")])
+@pytest.mark.parametrize("rate", [True, False], ids=["log_hz", "no log_hz"])
+def test_a_log_without_its_driving_current_is_refused_in_the_same_sentence(
+    values: float | None, said: str, rate: bool
+) -> None:
+    log, tool = current_driven()
+    rest = {name: column for name, column in log.columns.items() if name != "current_a"}
+    given = {} if values is None else {"current_a": np.full(4000, values)}
+    table = replace(log, columns=rest | {"duty": np.full(4000, 0.5)} | given)
+    with pytest.raises(VgrooveError, match="made: the column current_a.*drives the model") as text:
+        check_log(table, tool if rate else without_rate(tool))
+    assert said in str(text.value)
 
 
 @pytest.mark.parametrize("weight_nm", [40.0, 46.0, 50.0, 55.0, 80.0])

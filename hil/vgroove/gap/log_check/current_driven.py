@@ -4,8 +4,9 @@ A simulation that a current drives adds up every error of its friction, so that 
 compared with the log row by row. The rig's acceleration per current, k / J, can: the changes of the
 measured speed w over spans of rows are, by least squares, a k / J times the integral of the
 current, and coefficients times those of sign(w), w, the known load and 1, which stand for the
-friction and an offset. The coefficient a is 1 for a log in the expected units, the factor of a
-speed or an angle in another unit, and the inverse of that of the current.
+friction and an offset. A missing sample removes the span that holds it. The coefficient a is 1 for
+a log in the expected units, the factor of a speed or an angle in another unit, and the inverse of
+that of the current.
 """
 
 from dataclasses import dataclass
@@ -55,7 +56,7 @@ def _factor(log: Log, rig: Rig, column: str) -> float | None:
             speed = np.convolve(np.gradient(values, time_s), np.ones(span) / span, "same")
         fits.append(_fitted(log, time_s, speed, span))
     explained, slope, error = max(fits, default=(0.0, 0.0, np.inf))
-    if explained < RULES.min_explained or error > RULES.max_error * abs(slope):
+    if explained < RULES.min_explained or not error < RULES.max_error * abs(slope):
         return None
     return slope / (rig.motor["torque_constant_nm_per_a"] / rig.shaft_inertia_kg_m2)
 
@@ -68,11 +69,11 @@ def _fitted(
     """
     top = np.nanmax(np.abs(speed), initial=0.0)
     moving = np.sign(speed) * (np.abs(speed) > RULES.still * top)
-    load = np.asarray(log.columns.get("load_nm", np.zeros(len(time_s))), float)
-    terms = (hold_last_value(np.asarray(log.columns["current_a"], float)), moving, speed)
+    load = _held(np.asarray(log.columns.get("load_nm", np.zeros(len(time_s))), float))
+    terms = (_held(np.asarray(log.columns["current_a"], float)), moving, speed)
     ends = np.arange(0, len(time_s), span)
-    columns = [_integral(term, time_s)[ends] for term in (*terms, load, np.ones(len(time_s)))]
-    regressors, changes = np.diff(np.stack(columns, 1), axis=0), np.diff(speed[ends])
+    columns = [_integrals(term, time_s, ends) for term in (*terms, load, np.ones(len(time_s)))]
+    regressors, changes = np.stack(columns, 1), np.diff(speed[ends])
     known = np.isfinite(regressors).all(1) & np.isfinite(changes)
     regressors, changes = regressors[known], changes[known]
     total = float(np.sum((changes - changes.mean()) ** 2)) if len(changes) else 0.0
@@ -84,7 +85,21 @@ def _fitted(
     return 1.0 - left / total, float(fit[0]), float(np.sqrt(max(covariance[0, 0], 0.0)))
 
 
-def _integral(values: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """Integral (rows,) of values from the first row on, by the trapezoidal rule."""
+def _held(values: np.ndarray) -> np.ndarray:
+    """A column (rows,) that may be sampled more slowly than the log: each value holds for as many
+    rows as values are usually apart; nan after that and before the first one.
+    """
+    rows, known = np.arange(len(values)), np.flatnonzero(np.isfinite(values))
+    if len(known) < 2:
+        return values
+    since = rows - known[np.maximum(np.searchsorted(known, rows, side="right") - 1, 0)]
+    recent = (since >= 0) & (since <= np.median(np.diff(known)))
+    return np.where(recent, hold_last_value(values), np.nan)
+
+
+def _integrals(values: np.ndarray, time_s: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Integrals (spans,) of values (rows,) from each of the rows `ends` to the next, by the
+    trapezoidal rule; nan for a span in which a value is missing.
+    """
     parts = 0.5 * (values[1:] + values[:-1]) * np.diff(time_s)
-    return np.concatenate([[0.0], np.cumsum(parts)])
+    return np.add.reduceat(parts[: ends[-1]], ends[:-1])

@@ -22,6 +22,7 @@ from vgroove.gap.log_check.nominal import (
     steady_rows,
 )
 from vgroove.gap.log_check.time_unit import best_time_factor, time_finding
+from vgroove.gap.residual.inputs import driving_values
 from vgroove.log import COLUMN_UNITS, Log
 from vgroove.log.units_of_columns import unit_factor
 from vgroove.rig import Rig
@@ -151,12 +152,14 @@ WIDE_FACTORS = (1e3, 1e-3)
 def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     """Findings on the units and signs of a log, from its simulation; none for a rig that the plant
     cannot drive with a log, and none on the sign of a motion that does not begin as simulated.
+    VgrooveError where the column that drives the model is missing or holds no value.
 
     A simulation that a current drives adds up the errors of friction and load: where the log does
     not determine its acceleration, a factor of its motion refuses nothing.
     """
     if not is_simulated(rig):
         return []
+    driving_values(log.columns, rig.input["kind"], log.source)
     part = first_rows(log, rig)
     factor = 1.0 if "log_hz" in rig.sensors else best_time_factor(part, rig)
     if factor != 1.0:

@@ -1,5 +1,6 @@
 """The columns that drive the model: command, measured bus, load torque, open bridge."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -144,20 +145,26 @@ def _coast_is_late(log: CleanLog) -> bool:
     return late > same
 
 
+def driving_values(columns: Mapping[str, np.ndarray], kind: str, source: str) -> np.ndarray:
+    """The column (rows,) of a log's columns that drives the model; VgrooveError, which names the
+    source, where it is missing or holds no value.
+    """
+    if kind not in columns:
+        raise VgrooveError(
+            f"{source}: the column {kind} is missing, which drives the model according to the rig"
+        )
+    if not np.isfinite(columns[kind]).any():
+        raise VgrooveError(
+            f"{source}: the column {kind}, which drives the model according to the rig, holds no "
+            "value"
+        )
+    return columns[kind]
+
+
 def _command(log: CleanLog) -> np.ndarray:
     """The column that drives the model; VgrooveError for one that cannot have driven the tool."""
     kind = log.kind
-    if kind not in log.columns:
-        raise VgrooveError(
-            f"{log.source}: the column {kind} is missing, which drives the model according to the "
-            "rig"
-        )
-    command = log.columns[kind]
-    if not np.isfinite(command).any():
-        raise VgrooveError(
-            f"{log.source}: the column {kind}, which drives the model according to the rig, "
-            "holds no value"
-        )
+    command = driving_values(log.columns, kind, log.source)
     top = np.nanmax(np.abs(command))
     if kind == "duty" and top > COMMAND.max_duty:
         raise VgrooveError(
