@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -23,7 +24,7 @@ from vgroove.errors import VgrooveError
 from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.gap.log_check.compared import refuse_uncompared
 from vgroove.gap.log_check.current_driven import acceleration_factors
-from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, slope_of, unit_findings
+from vgroove.gap.log_check.factors import COLUMN_UNITS_WRITTEN, GEARED, slope_of, unit_findings
 from vgroove.gap.log_check.nominal import nominal_pairs, starts_moving_or_deflected
 from vgroove.gap.log_check.plausible import plausibility_findings, rate_finding
 from vgroove.gap.log_check.row_convention import Shift
@@ -238,6 +239,78 @@ def test_a_load_that_the_rig_of_a_current_driven_arm_lacks_is_no_unit(weight_nm:
     assert not any(f.refuses for f in findings)
     damaged = check_log(scaled(log, "position_rad", 1e3), tool)  # more than a load makes
     assert any("position_rad" in f.text and f.refuses for f in damaged.findings)
+
+
+def slow_drive(friction: float = 1.0) -> Rig:
+    """A drive that accelerates faster than its logger writes rows, driven by a current, with so
+    many times its usual viscous friction.
+    """
+    motor = {"inertia_kg_m2": 1.5e-6, "coulomb_nm": 0.0, "viscous_nm_s_per_rad": 1e-5 * friction}
+    tool = rig(motor=motor, gearbox={"ratio": 1.0, "output_inertia_kg_m2": 0.0})
+    return replace(tool, input={"kind": "current_a"}, sensors={"log_hz": 4.0})
+
+
+def slow_log(tool: Rig, load: float = 0.0) -> Log:
+    """A correct log of the slow drive, with a load that the rig does not state, a multiple of the
+    motor's torque.
+    """
+    fine_s, time_s = np.arange(12_000) / 100.0, np.arange(480) / 4.0
+    levels = np.repeat([0.3, 0.6, 0.9, 0.5, 0.2, 0.7, 1.0, 0.4], 60)
+    current = np.interp(fine_s, time_s, levels)
+    torque = tool.motor["torque_constant_nm_per_a"] * current * (1.0 - load)
+    viscous = tool.motor["viscous_nm_s_per_rad"]
+    kept = np.exp(-viscous / tool.shaft_inertia_kg_m2 / 100.0)  # of the speed, after 10 ms
+    speed = scipy.signal.lfilter([(1.0 - kept) / viscous], [1.0, -kept], torque)
+    columns = {
+        "current_a": levels,
+        "speed_rpm": np.interp(time_s, fine_s, speed) * RPM_PER_RAD_S,
+        "position_rad": np.interp(time_s, fine_s, np.cumsum(speed) / 100.0),
+    }
+    columns["speed_rpm"] += np.random.default_rng(1).normal(0.0, 0.3, 480)
+    return Log(time_s, columns, "slow")
+
+
+DRIFTS = [(6.3, 1.0), (9.0, 1.0), (9.55, 1.0), (60.0, 1.0), (6.0, 57.3), (6.0, 343.8)]
+
+
+@pytest.mark.parametrize(("friction", "stated"), DRIFTS)
+@pytest.mark.parametrize("columns", [("speed_rpm",), ("position_rad",), GEARED])
+def test_friction_far_from_the_rigs_is_no_unit_where_the_simulated_motion_drifts(
+    friction: float, stated: float, columns: tuple[str, ...]
+) -> None:
+    log, tool = slow_log(slow_drive(friction)), slow_drive(stated)
+    log = replace(log, columns={name: log[name] for name in ("current_a", *columns)})
+    assert acceleration_factors(log, tool) == {}
+    check = check_log(log, tool)
+    assert not check.refused, check.findings
+    assert all(any(n in f.text and f.warns for f in check.findings) for n in columns), check
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "mend"),
+    [
+        ("speed_rpm", 1e-3, '"speed_rpm:krpm=speed_rpm"'),
+        ("position_rad", 1e3, '"position_rad:mrad=position_rad"'),
+        ("position_rad", 4096.0 / (2.0 * np.pi), "counts of an encoder, 4"),
+    ],
+)
+def test_a_factor_that_only_a_unit_makes_is_refused_where_the_simulated_motion_drifts(
+    column: str, factor: float, mend: str
+) -> None:
+    log, tool = slow_log(slow_drive(6.0)), slow_drive(6.0)
+    assert check_log(log, tool).findings == []
+    found = [f.text for f in unit_findings(scaled(log, column, factor), tool) if f.refuses]
+    assert len(found) == 1 and mend in found[0], found
+
+
+def test_a_load_that_drives_the_shaft_backwards_is_no_wrong_sign_of_the_current() -> None:
+    """A current that lowers loads which the rig does not state, and supports half of each."""
+    tool = slow_drive(6.0)
+    log = slow_log(tool, load=2.0)
+    assert np.nanmax(log["speed_rpm"]) < 0.0
+    check = check_log(log, tool)
+    assert not check.refused, check.findings
+    assert {f.text.split()[1] for f in check.findings if f.warns} == {"speed_rpm:", "position_rad:"}
 
 
 def with_angle(log: Log, turn: float) -> Log:

@@ -44,6 +44,9 @@ class FactorRules:
     least: float = 3.0
     least_warned: float = 5.0  # a farther one that is no unit's is a warning
     counts: float = 7.0  # least factor of a position that is in counts: more than any fault makes
+    # a factor, or its inverse, that the errors which a simulated motion adds up do not make: a
+    # friction of 60 times the rig's makes 1/60; only 1000 and the counts of an encoder are farther
+    drift: float = 100.0
     # relative, of a whole number of pole pairs, which lie by 6 % apart at least
     pole_tolerance: float = 0.01
     nearest: float = 1.5  # factor by which the unit that the warning names may be missed
@@ -117,7 +120,7 @@ class Causes:
     def may_make(self, slope: Slope) -> bool:
         """Whether the errors that a simulated motion adds up may make the factor of a column."""
         size = abs(slope.factor)
-        return self.drifts and slope.column in GEARED and 1.0 / RULES.counts < size < RULES.counts
+        return self.drifts and slope.column in GEARED and 1.0 / RULES.drift < size < RULES.drift
 
 
 # per column: factor of the numbers, unit as --map names it
@@ -155,7 +158,7 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     VgrooveError where the column that drives the model is missing or holds no value.
 
     A simulation that a current drives adds up the errors of friction and load: where the log does
-    not determine its acceleration, a factor of its motion refuses nothing.
+    not determine its acceleration, a factor of its motion that they may make refuses nothing.
     """
     if not is_simulated(rig):
         return []
@@ -170,7 +173,7 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
     if starts_moving_or_deflected(part, rig):
         slopes = [slope for slope in slopes if slope.factor > 0.0]
     drifts = rig.input["kind"] == "current_a"
-    return _input_findings(slopes, rig) or _findings_of_columns(slopes, part, rig, drifts)
+    return _input_findings(slopes, rig, drifts) or _findings_of_columns(slopes, part, rig, drifts)
 
 
 def _acceleration_findings(factors: dict[str, float], log: Log, rig: Rig) -> list[Finding]:
@@ -227,16 +230,17 @@ def settle_time_s(rig: Rig) -> float:
     return max(RULES.settle_s, RULES.settle_time_constants * constant_s)
 
 
-def _input_findings(slopes: list[Slope], rig: Rig) -> list[Finding]:
+def _input_findings(slopes: list[Slope], rig: Rig, drifts: bool) -> list[Finding]:
     """A finding where all columns that the command moves have the same factor: that of the
-    command.
+    command. drifts: as in Causes; an unknown load may then make the factor -1.
     """
     kind = rig.input["kind"]
     moved = [slope for slope in slopes if slope.column != "supply_v"]
     if len(moved) < 2 or not all(slope.is_close(wide=True) for slope in moved):
         return []
     unit = COLUMN_UNITS[kind]
-    if all(_matches(slope.factor, Unit(-1.0, "", "", wide=True)) for slope in moved):
+    opposite = all(_matches(slope.factor, Unit(-1.0, "", "", wide=True)) for slope in moved)
+    if opposite and not drifts:
         reason = f"{kind} has the opposite sign"
         return [_refusal(f"columns {_names(moved)}", "-1", reason, _mend(kind, f"-{unit or 1}"))]
     if kind != "duty" and all(_matches(s.factor, Unit(1e-3, "", "", wide=True)) for s in moved):
