@@ -2,6 +2,7 @@
 nothing is loaded from elsewhere.
 """
 
+import time
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from browser import seen
 from made_log import MadeLog, drive_log, rig
 from vgroove.gap import DiagnosisOptions, Gap, SignalGap, Verdict, diagnose
 from vgroove.gap.catalogue import CATALOGUE
+from vgroove.gap.figures import SHADE, LogTraces, trace_picture
 from vgroove.gap.page import cards, closed_notes, differing_signals, signal_weight
 from vgroove.gap.report import summary_lines, verdict_sentence
 from vgroove.html_page import Note, Page, Table
@@ -208,6 +210,29 @@ def test_a_signal_that_closes_another_share_than_the_pooled_gap_is_explained() -
 def test_signals_that_close_as_much_as_the_pooled_gap_need_no_note(pooled: float | None) -> None:
     gap = gap_of(pooled, current_a=signal(3.0, 2.9, 0.05))
     assert differing_signals(gap) == [] and closed_notes(gap) == []
+
+
+def traces(blocks: int) -> LogTraces:
+    """Traces of three signals with so many held-out blocks."""
+    time_s = np.arange(2000.0)
+    curves = {name: (time_s, time_s, 0.0 * time_s) for name in ("current_a", "speed_rpm", "supply")}
+    held_out_s = [[4.0 * k + 2.0, 4.0 * k + 3.0] for k in range(blocks)]
+    return LogTraces("log", "corrected", dict.fromkeys(curves, "1"), curves, curves, held_out_s, 1)
+
+
+def test_held_out_blocks_are_shaded_in_each_panel_as_plotly_shades_them() -> None:
+    expected = trace_picture(traces(0)).figure
+    for start, end in traces(3).held_out_s:
+        expected.add_vrect(x0=start, x1=end, fillcolor=SHADE, line_width=0, layer="below")
+    drawn = trace_picture(traces(3)).figure
+    assert len(drawn.layout.shapes) == 18 and drawn.layout == expected.layout
+
+
+def test_the_time_of_the_traces_does_not_grow_with_the_square_of_the_held_out_blocks() -> None:
+    trace_picture(traces(1))  # loads what plotly loads once
+    begin_s = time.process_time()
+    trace_picture(traces(60))
+    assert time.process_time() - begin_s < 5.0  # 0.3 s; a call of add_vrect for each: 60 s
 
 
 def test_figures_are_plotly_objects_by_title(found: dict[str, Verdict]) -> None:

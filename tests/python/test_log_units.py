@@ -337,6 +337,19 @@ def test_a_position_in_another_unit_is_named(turn: float, mend: str) -> None:
     assert len(found) == 1 and mend in found[0], found
 
 
+@pytest.mark.parametrize("missing", [slice(0, 1500), slice(0, 1), slice(700, 1500)])
+def test_a_position_that_begins_in_motion_is_compared_from_its_first_row_on(missing: slice) -> None:
+    log, tool = practice()
+    late = with_angle(log, 2.0 * np.pi)
+    late["position_rad"][missing] = np.nan
+    (pair,) = (pair for pair in nominal_pairs(late, tool) if pair.column == "position_rad")
+    assert pair.relative_error() < 0.01
+    assert not check_log(late, tool).refused
+    turns = scaled(late, "position_rad", 0.5 / np.pi)
+    found = [f.text for f in check_log(turns, tool).findings if f.refuses]
+    assert len(found) == 1 and '"position_rad:rev=position_rad"' in found[0], found
+
+
 @pytest.mark.parametrize("turn", [2.0 * np.pi, 360.0])
 def test_an_angle_within_one_turn_is_refused(turn: float) -> None:
     log, tool = practice()

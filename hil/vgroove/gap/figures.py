@@ -118,8 +118,7 @@ def trace_picture(log: LogTraces) -> Picture:
     for i, signal in enumerate(log.nominal):
         for row, curve in signal_curves(log, signal, legend=i == 0):
             figure.add_trace(curve, row=2 * i + row, col=1)
-    for start, end in log.held_out_s:
-        figure.add_vrect(x0=start, x1=end, fillcolor=SHADE, line_width=0, layer="below")
+    figure.update_layout(shapes=shaded_blocks(log.held_out_s, figure))
     style(figure, 130 + 190 * rows)
     figure.update_xaxes(title_text="time in s", row=rows, col=1)
     note = (
@@ -129,6 +128,20 @@ def trace_picture(log: LogTraces) -> Picture:
     )
     title = f"{log.name}: measured, nominal and {log.after} model"
     return Picture(title, figure, note)
+
+
+def shaded_blocks(blocks: Sequence[Sequence[float]], figure: go.Figure) -> list[dict[str, Any]]:
+    """Shapes that shade blocks [from, to] over the height of each subplot that holds a curve.
+
+    They are set at once: each call of plotly's add_vrect checks all shapes that are there.
+    """
+    axes = dict.fromkeys((curve.xaxis, curve.yaxis) for curve in figure.data)
+    look = {"type": "rect", "fillcolor": SHADE, "line": {"width": 0}, "layer": "below"}
+    return [
+        look | {"xref": x, "yref": f"{y} domain", "x0": start, "x1": end, "y0": 0, "y1": 1}
+        for start, end in blocks
+        for x, y in axes
+    ]
 
 
 def signal_curves(log: LogTraces, signal: str, legend: bool) -> list[tuple[int, go.Scatter]]:

@@ -131,13 +131,13 @@ def nominal_pairs(log: Log, rig: Rig, time_factor: float = 1.0) -> list[Pair]:
 
 
 def _pair(name: str, log: Log, nominal: np.ndarray) -> Pair:
-    """A column and its nominal signal: positions from the first row on, magnitudes of an unsigned
-    current.
+    """A column and its nominal signal: both positions from the first measured row on, magnitudes of
+    an unsigned current.
     """
     measured = np.asarray(log.columns[name], float)
     if name == "position_rad":
-        first = measured[np.isfinite(measured)][0]
-        return Pair(name, measured - first, nominal - nominal[0])
+        first = int(np.isfinite(measured).argmax())
+        return Pair(name, measured - measured[first], nominal - nominal[first])
     if name == "current_a" and current_is_unsigned(log):
         return Pair(name, measured, np.abs(nominal))
     return Pair(name, measured, nominal)
