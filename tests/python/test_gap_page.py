@@ -15,7 +15,7 @@ from made_log import MadeLog, drive_log, rig
 from vgroove.gap import DiagnosisOptions, Gap, SignalGap, Verdict, diagnose
 from vgroove.gap.catalogue import CATALOGUE
 from vgroove.gap.figures import SHADE, LogTraces, trace_picture
-from vgroove.gap.page import cards, closed_notes, differing_signals, signal_weight
+from vgroove.gap.page import cards, closed_notes, differing_signals, shares_of_signals
 from vgroove.gap.report import summary_lines, verdict_sentence
 from vgroove.html_page import Note, Page, Table
 
@@ -197,19 +197,40 @@ def test_a_signal_that_closes_another_share_than_the_pooled_gap_is_explained() -
     """From a difference of a tenth on."""
     current, speed, supply = signal(3.0, 2.9, 0.05), signal(4.0, 1.7, 0.76), signal(1.0, 1.0, None)
     gap = gap_of(0.7, current_a=current, speed_rpm=speed, supply_v=supply)
-    (line,) = differing_signals(gap)
+    shares = {"current_a": 0.17, "speed_rpm": 0.8, "supply_v": 0.03}
+    (line,) = differing_signals(gap, shares)
     assert line.startswith("current_a: closes 5 % of its own error, the pooled gap 70 %: ")
-    weights = [signal_weight(gap, name) for name in gap.by_signal]
-    assert weights == pytest.approx([9.0 / 26.0, 16.0 / 26.0, 1.0 / 26.0])
-    assert f"{100 * weights[0]:.0f} %" in line
-    (note,) = closed_notes(gap)
+    assert "the samples of this signal are 17 % of the sum before" in line
+    (note,) = closed_notes(gap, shares)
     assert note.title == "Why a signal closes more or less than all together"
+
+
+@pytest.mark.parametrize("kind", ["effect", "partial", "unlisted"])
+def test_the_share_of_a_signal_is_that_of_its_samples_in_the_squared_gap(
+    kind: str, found: dict[str, Verdict]
+) -> None:
+    """Counted one sample after the other; the signals differ in samples, sigmas and clips."""
+    verdict = found[kind]
+    problem = verdict.evidence.problem
+    residual = problem.residuals(problem.theta0)[0]
+    sums, count = dict.fromkeys(verdict.gap.by_signal, 0.0), 0
+    for row in np.flatnonzero(problem.judged):
+        name = problem.signals[problem.signal[row]].column
+        if not (problem.censored[row] and residual[row] == 0.0):
+            sums[name] += min(abs(residual[row]), verdict.gap.by_signal[name].clip) ** 2
+            count += 1
+    assert sum(sums.values()) == pytest.approx(count * verdict.gap.before**2, rel=1e-6)
+    shares = shares_of_signals(verdict)
+    assert shares == pytest.approx({n: s / sum(sums.values()) for n, s in sums.items()}, rel=1e-6)
+    for name, share in shares.items():
+        lines = [line for line in differing_signals(verdict.gap, shares) if line.startswith(name)]
+        assert all(f" {100 * share:.0f} % of the sum" in line for line in lines)
 
 
 @pytest.mark.parametrize("pooled", [None, 0.05, 0.149])
 def test_signals_that_close_as_much_as_the_pooled_gap_need_no_note(pooled: float | None) -> None:
     gap = gap_of(pooled, current_a=signal(3.0, 2.9, 0.05))
-    assert differing_signals(gap) == [] and closed_notes(gap) == []
+    assert differing_signals(gap, {}) == [] and closed_notes(gap, {}) == []
 
 
 def traces(blocks: int) -> LogTraces:

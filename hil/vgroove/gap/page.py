@@ -2,7 +2,9 @@
 gap; WHAT NEXT: the run to record), then figures and tables.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from vgroove.gap.corrected_rig import corrected_parameters
 from vgroove.gap.figures import (
@@ -20,6 +22,7 @@ from vgroove.html_page import Card, Note, Page, Part, Picture, Table
 
 EFFECTS_SHOWN, CORRELATES_SHOWN = 12, 8  # rows of the page; the JSON has all
 MIN_SHARE_SHOWN = 0.05  # smallest share of a further subsystem that the card WHERE lists
+TINY = 1e-12  # smallest sum of squares: a gap of 0 has no shares
 MAX_CLOSED_DIFFERENCE = 0.1  # of closed shares, above which the page explains it
 CLOSED_ALONE = "share closed by this effect alone"  # header of a column
 RUN_COMMAND = (
@@ -33,7 +36,7 @@ def verdict_page(verdict: Verdict, names: Sequence[str]) -> Page:
     problem = verdict.evidence.problem
     units = {s.column: s.unit for s in problem.signals}
     parts = [
-        *gap_parts(verdict.gap),
+        *gap_parts(verdict.gap, shares_of_signals(verdict)),
         effects_table(verdict),
         *rival_parts(verdict),
         *next_parts(verdict.next_experiment),
@@ -144,8 +147,24 @@ def next_card(verdict: Verdict) -> Card:
     return Card("WHAT NEXT", f"record: {proposed.profile}", support)
 
 
-def gap_parts(gap: Gap) -> list[Part]:
-    """Gap of each signal in units of its floor, and in its own unit with the ISO ratings."""
+def shares_of_signals(verdict: Verdict) -> dict[str, float]:
+    """Share of each signal in the squared gap before: in the sum of the squares, each clipped, of
+    all judged samples that count.
+    """
+    search, problem = verdict.evidence.search, verdict.evidence.search.simulated
+    squares = np.nan_to_num(problem.squared(search.gap_residual(search.nominal)))
+    sums = {
+        signal.column: float(squares[problem.judged & (problem.signal == k)].sum())
+        for k, signal in enumerate(problem.signals)
+    }
+    total = max(sum(sums.values()), TINY)
+    return {column: one / total for column, one in sums.items()}
+
+
+def gap_parts(gap: Gap, shares: Mapping[str, float]) -> list[Part]:
+    """Gap of each signal in units of its floor, and in its own unit with the ISO ratings. shares:
+    of the signals in the squared gap.
+    """
     header = ["signal", "unit", "before", "retuned", "after", "floor"]
     header += ["before, share of RMS", "after, share of RMS", "closed"]
     header += ["ISO/TS 18571 before", "ISO/TS 18571 after", "clip in sigma"]
@@ -156,33 +175,27 @@ def gap_parts(gap: Gap) -> list[Part]:
         for n, s in gap.by_signal.items()
     ]
     table = Table("signals", "Gap of each signal in its own unit", header, rows)
-    return [gap_picture(gap), table, *closed_notes(gap)]
+    return [gap_picture(gap), table, *closed_notes(gap, shares)]
 
 
-def closed_notes(gap: Gap) -> list[Note]:
+def closed_notes(gap: Gap, shares: Mapping[str, float]) -> list[Note]:
     """The sentences of differing_signals() under a heading, where there are any."""
-    lines = differing_signals(gap)
+    lines = differing_signals(gap, shares)
     return [Note("Why a signal closes more or less than all together", lines)] if lines else []
 
 
-def differing_signals(gap: Gap) -> list[str]:
+def differing_signals(gap: Gap, shares: Mapping[str, float]) -> list[str]:
     """A sentence for each signal whose own closed share differs from that of the pooled gap."""
     pooled = gap.closed
     return [
         f"{name}: closes {percent(s.closed)} of its own error, the pooled gap {percent(pooled)}: "
-        "the pooled gap adds all signals in sigmas of their sensors, each residual clipped, and "
-        f"this signal is {percent(signal_weight(gap, name))} of it."
+        "the pooled gap adds the squares of all samples in sigmas of their sensors, each residual "
+        f"clipped, and the samples of this signal are {percent(shares[name])} of the sum before."
         for name, s in gap.by_signal.items()
         if s.closed is not None
         and pooled is not None
         and abs(s.closed - pooled) > MAX_CLOSED_DIFFERENCE
     ]
-
-
-def signal_weight(gap: Gap, name: str) -> float:
-    """Share of a signal in the sum of all signals' squared errors before, in sigmas."""
-    squares = {n: (s.before / s.floor) ** 2 for n, s in gap.by_signal.items() if s.floor > 0.0}
-    return squares.get(name, 0.0) / max(sum(squares.values()), 1e-12)
 
 
 def effects_table(verdict: Verdict) -> Table:
