@@ -6,14 +6,21 @@ distinguish.
 import numpy as np
 import pytest
 
+from made_log import rig
 from test_board_run import HELD, RIG, Line
 from test_run import elf
-from vgroove import lockstep
+from vgroove import _core, lockstep
 from vgroove.board import AvrBoard
 from vgroove.errors import VgrooveError
 from vgroove.gap import diagnose
-from vgroove.gap.next_run.experiment_design import goes_both_ways
-from vgroove.gap.next_run.menu import profile_from_verdict
+from vgroove.gap.next_run.experiment_design import (
+    goes_both_ways,
+    predictions,
+    repeating_run,
+    runs_of,
+)
+from vgroove.gap.next_run.menu import PROFILE_S, profile_from_verdict, time_grid
+from vgroove.gap.residual.loading import load_problem
 from vgroove.guided_run import GuidedRun
 from vgroove.log import Log, log_from_session, log_from_stream
 from vgroove.recorder import RUN_COMPLETE
@@ -83,10 +90,66 @@ def test_a_tool_goes_both_ways_where_it_does_so_for_more_than_an_event(
     assert goes_both_ways(values) is both
 
 
+def proposing(points: object) -> dict:
+    return {"next_experiment": {"profile": "staircase", "points": points}}
+
+
 @pytest.mark.parametrize(
-    "points", [[[0, 0], [4, 0]], [[0, 0], [float("nan"), 0.5]], [[0, 0], [1, float("nan")]]]
+    "points", [[[0, 0], [4, 0]], [[0, 0]], [[1, 0], [2, 1]], [[0, 0], [0, 1]], [[0, 0], [5, 1]]]
 )
-def test_points_without_drive_or_number_are_refused(points: list[list[float]]) -> None:
-    asked = {"next_experiment": {"profile": "staircase", "points": points}}
-    with pytest.raises(VgrooveError, match="are not all 0"):
-        profile_from_verdict(asked, "verdict.json")
+def test_points_without_drive_or_order_are_refused(points: list[list[float]]) -> None:
+    with pytest.raises(VgrooveError, match="verdict.json: points .* are not all 0"):
+        profile_from_verdict(proposing(points), "verdict.json")
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[0, 0], [float("nan"), 0.5]],
+        [[0, 0], [1, float("inf")]],
+        [[0, 0.5, 1], [1, 2, 0.5]],  # three numbers each
+        [0, 0, 1, 1],  # no pairs
+        [[[0, 0], [1, 1]]],
+        [[0, 0], [1]],
+        [["0", "0"], ["1", "1"]],
+        [],
+        [[], []],
+        None,
+        "ab",
+        {"0": 1},
+    ],
+)
+def test_points_that_are_no_pairs_of_numbers_are_refused(points: object) -> None:
+    with pytest.raises(VgrooveError, match="verdict.json: points .* pairs .* finite numbers"):
+        profile_from_verdict(proposing(points), "verdict.json")
+
+
+def test_the_points_of_a_verdict_are_those_of_its_run() -> None:
+    run = profile_from_verdict(proposing([[0, 0], [0.2, 1], [4, -0.5]]), "verdict.json")
+    assert (run.time_s, run.level) == ((0.0, 0.2, 4.0), (0.0, 1.0, -0.5))
+    assert profile_from_verdict({"next_experiment": {"profile": "staircase"}}, "v").points()
+
+
+@pytest.mark.parametrize("interval_s", [1e-6, 1e-3, 0.00100000001, 0.3, 0.7, 1.0, 7.9, 8.1, 1e3])
+def test_a_run_has_rows_within_its_time_whatever_the_interval(interval_s: float) -> None:
+    time_s = time_grid(interval_s)
+    assert len(time_s) >= 4 and 0.0 < time_s[0] and time_s[-1] <= PROFILE_S * (1.0 + 1e-5)
+    within = min(max(interval_s, 1e-3), 1.0)
+    assert np.allclose(np.diff(time_s, prepend=0.0), within)
+    assert time_s[-1] > PROFILE_S - 1.01 * within
+
+
+@pytest.mark.parametrize("interval_s", [1.0, 2.0, 10.0])
+def test_a_run_is_predicted_and_asks_for_faster_rows_after_a_slow_log(interval_s: float) -> None:
+    tool = rig(sensors={"hall_pulses_per_rev": 0, "log_hz": 1.0 / interval_s})
+    time_s = interval_s * np.arange(80)
+    duty = np.repeat([0.2, 0.5, 0.8, 0.4], 20)
+    drive = _core.LogInput(time_s, "duty", duty)
+    rows = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    columns = {"duty": duty, "current_a": rows["current_a"][0], "supply_v": rows["supply_v"][0]}
+    problem = load_problem([Log(time_s, columns, "slow")], tool)
+    for run in runs_of(problem):
+        shown = predictions(problem, run, problem.theta0[None])
+        assert shown.shape == (1, 8) and np.isfinite(shown).all(), run.name
+    why = repeating_run(problem, None).why
+    assert ("rows 1 s apart at most: those of the logs are" in why) == (interval_s > 1.0)

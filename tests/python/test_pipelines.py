@@ -201,6 +201,9 @@ def test_a_folder_is_a_case_and_a_folder_of_folders_is_several(tmp_path: Path) -
     assert read_cases([tmp_path / "b"]) == cases[1:]
 
 
+CASE = "[[case]]\nname = 'a'\nlogs = ['l']\nrig = 'r'\n"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -212,8 +215,16 @@ def test_a_folder_is_a_case_and_a_folder_of_folders_is_several(tmp_path: Path) -
         ("[[case]]\nname = 'a'\nrig = 'r'", "case 1: the key logs is missing"),
         ("[[case]]\nname = 'a'\nlogs = 'l'\nrig = 'r'", "the key logs has a value of the wrong"),
         ("[[case]]\nname = 'a'\nlogs = [1]\nrig = 'r'", "are lists of texts"),
-        ("[[case]]\nname = 'a'\nlogs = ['l']\nrig = 'r'\nseed = -1", "case 1: seed .*, not -1"),
-        (2 * "[[case]]\nname = 'a'\nlogs = ['l']\nrig = 'r'\n", "two cases have the name a"),
+        (f"{CASE}seed = -1", "case 1: seed .*, not -1"),
+        ("case = [1, 2]", "case 1: is no table"),
+        ("case = [[1]]", "case 1: is no table"),
+        ("case = ['a']", "case 1: is no table"),
+        (f"{CASE}seed = true", "case 1: the key seed has a value of the wrong type"),
+        (f"{CASE}from_s = true", "case 1: the key from_s has a value of the wrong type"),
+        (f"{CASE}to_s = false", "case 1: the key to_s has a value of the wrong type"),
+        (f"{CASE}as_is = 1", "case 1: the key as_is has a value of the wrong type"),
+        (f"{CASE}map = ['bad']", "case 1: --map 'bad': must be"),
+        (2 * CASE, "two cases have the name a"),
     ],
 )
 def test_an_unusable_batch_is_refused_before_the_work(
@@ -222,6 +233,13 @@ def test_an_unusable_batch_is_refused_before_the_work(
     (tmp_path / "cases.toml").write_text(text)
     with pytest.raises(VgrooveError, match=words):
         read_cases([tmp_path / "cases.toml"])
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, True, "1", None])
+def test_a_seed_that_is_no_whole_number_from_0_on_is_refused(seed: object) -> None:
+    with pytest.raises(VgrooveError, match="seed must be a whole number of 0 or more, not"):
+        DiagnosisOptions(seed=seed)
+    assert DiagnosisOptions(seed=np.int64(3)).seed == 3
 
 
 def test_a_diagnosis_shows_its_stage_and_share_on_a_terminal(tool: Path) -> None:

@@ -110,32 +110,45 @@ def _file_cases(path: Path) -> list[Case]:
     return [_case(entry, f"{path}: case {n}", path.parent) for n, entry in enumerate(entries, 1)]
 
 
-def _case(entry: dict[str, Any], source: str, folder: Path) -> Case:
+def _case(entry: Any, source: str, folder: Path) -> Case:
+    _check_entry(entry, source)
+    try:
+        options = DiagnosisOptions(
+            entry.get("seed", 0),
+            tuple(entry.get("without", ())),
+            from_s=entry.get("from_s"),
+            to_s=entry.get("to_s"),
+            as_is=entry.get("as_is", False),
+            columns=column_map(entry.get("map", ()), None),
+        )
+    except VgrooveError as error:
+        raise VgrooveError(f"{source}: {error}") from None
+    logs = [folder / name for name in entry["logs"]]
+    return Case(entry["name"], logs, folder / entry["rig"], options)
+
+
+def _check_entry(entry: Any, source: str) -> None:
+    """VgrooveError unless an entry is a table with the keys of a case and values of their types."""
+    if not isinstance(entry, dict):
+        raise VgrooveError(f"{source}: is no table; a case begins with the line [[case]]")
     for key in entry:
         if key not in KEYS:
             near = difflib.get_close_matches(key, KEYS, 1)
             hint = f"; the nearest known one is {near[0]}" if near else ""
             raise VgrooveError(f"{source}: the key {key} is unknown{hint}")
     for key, (kind, needed) in KEYS.items():
+        if key in entry and not _is_of_type(entry[key], kind):
+            raise VgrooveError(f"{source}: the key {key} has a value of the wrong type")
         if needed and not entry.get(key):
             raise VgrooveError(f"{source}: the key {key} is missing")
-        if key in entry and not isinstance(entry[key], kind):
-            raise VgrooveError(f"{source}: the key {key} has a value of the wrong type")
-    if entry.get("seed", 0) < 0:
-        raise VgrooveError(f"{source}: seed must be 0 or more, not {entry['seed']}")
     texts = [one for key in ("logs", "without", "map") for one in entry.get(key, ())]
     if not all(isinstance(one, str) for one in texts):
         raise VgrooveError(f"{source}: logs, without and map are lists of texts")
-    options = DiagnosisOptions(
-        entry.get("seed", 0),
-        tuple(entry.get("without", ())),
-        from_s=entry.get("from_s"),
-        to_s=entry.get("to_s"),
-        as_is=entry.get("as_is", False),
-        columns=column_map(entry.get("map", ()), None),
-    )
-    logs = [folder / name for name in entry["logs"]]
-    return Case(entry["name"], logs, folder / entry["rig"], options)
+
+
+def _is_of_type(value: Any, kind: type | tuple[type, ...]) -> bool:
+    """Whether a value is of a type of KEYS; true and false, integers in Python, are no numbers."""
+    return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
 
 
 def diagnose_cases(

@@ -10,7 +10,12 @@ from vgroove.gap.catalogue import SEPARATIONS
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.fitting.steps import difference_steps
 from vgroove.gap.next_run.impact_predictions import impact_profiles, predicted_statistics
-from vgroove.gap.next_run.menu import RunProfile, feasible_profiles, time_grid
+from vgroove.gap.next_run.menu import (
+    MAX_INTERVAL_S,
+    RunProfile,
+    feasible_profiles,
+    time_grid,
+)
 from vgroove.gap.residual.impact.problem import ImpactProblem
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.search_state import Search
@@ -63,7 +68,7 @@ def repeating_run(problem: Problem, follows: str | None) -> NextExperiment:
     profile = runs.get(RUN_OF_COVARIATE.get(follows or "", ""), default)
     what = follows if follows else "none of the measured signals"
     why = f"what remains follows {what}; this run shows whether it repeats: {profile.content}"
-    return NextExperiment(profile.name, why, profile.points())
+    return NextExperiment(profile.name, why + faster_rows(problem), profile.points())
 
 
 def most_separating_run(problem: Problem, search: Search, finding: Finding) -> NextExperiment:
@@ -80,7 +85,7 @@ def most_separating_run(problem: Problem, search: Search, finding: Finding) -> N
     ranked = sorted(least.items(), key=lambda item: (-item[1], item[0]))
     return NextExperiment(
         name,
-        separation_reason(runs[name], finding, least[name]),
+        separation_reason(runs[name], finding, least[name]) + faster_rows(problem),
         runs[name].points(),
         [ProfileSeparation(n, sigma) for n, sigma in ranked],
     )
@@ -95,6 +100,19 @@ def separation_reason(profile: RunProfile, finding: Finding, sigma: float) -> st
     return (
         f"{why}; in this run {best} and {other} differ by at least {sigma:.2g} sigma a sample,"
         " whatever the sizes of their effects"
+    )
+
+
+def faster_rows(problem: Problem) -> str:
+    """The part of a sentence that asks for faster rows than those of the logs; empty where a run
+    shows with theirs.
+    """
+    interval_s = row_interval_s(problem)
+    if interval_s <= MAX_INTERVAL_S:
+        return ""
+    return (
+        f"; record it with rows {MAX_INTERVAL_S:g} s apart at most: those of the logs are "
+        f"{interval_s:.3g} s apart"
     )
 
 
@@ -122,8 +140,8 @@ def goes_both_ways(values: np.ndarray) -> bool:
 
 
 def simulation_input(problem: Problem, profile: RunProfile) -> _core.LogInput:
-    """A run as input of the plant, at the logs' row interval and up to the largest command and load
-    in them (a duty: up to 1).
+    """A run as input of the plant, at the logs' row interval (time_grid) and up to the largest
+    command and load in them (a duty: up to 1).
     """
     rig, kind = problem.rig, problem.rig.input["kind"]
     time_s = time_grid(row_interval_s(problem))

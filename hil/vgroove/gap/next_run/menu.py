@@ -12,6 +12,8 @@ from vgroove.errors import VgrooveError
 
 PROFILE_S, REST_S = 4.0, 0.2  # duration of a run, and of the rest that it begins with, s
 MAX_ROWS = 4000  # rows of a simulated run: 1 kHz
+MAX_INTERVAL_S = 1.0  # of its rows: so slow a logger still records four rows of a run
+COUNT_TOLERANCE = 1e-6  # relative, of a number of rows: rounding of the interval
 
 
 @dataclass(frozen=True)
@@ -135,9 +137,9 @@ IMPACT_MENU: tuple[RunProfile, ...] = (
 
 
 def time_grid(interval_s: float) -> np.ndarray:
-    """Row times in s of a run that is recorded every interval_s."""
-    count = min(MAX_ROWS, round(PROFILE_S / interval_s))
-    return np.arange(1, count + 1) * max(interval_s, PROFILE_S / MAX_ROWS)
+    """Row times in s of a run that is recorded every interval_s, MAX_INTERVAL_S at most."""
+    row_s = min(max(interval_s, PROFILE_S / MAX_ROWS), MAX_INTERVAL_S)
+    return row_s * np.arange(1, int(PROFILE_S / row_s * (1.0 + COUNT_TOLERANCE)) + 1)
 
 
 def feasible_profiles(has_duty: bool, has_load: bool, both_ways: bool) -> list[RunProfile]:
@@ -174,12 +176,7 @@ def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
             f"{source}: its verdict is {verdict.get('verdict')} and asks for no further run"
         )
     profile = profile_named(str(asked.get("profile")))
-    try:
-        time_s, level = np.array(asked.get("points", profile.points()), float).reshape(-1, 2).T
-    except (TypeError, ValueError):
-        raise VgrooveError(
-            f"{source}: points of next_experiment are pairs [s, share of the largest command]"
-        ) from None
+    time_s, level = _points(asked.get("points", profile.points()), source)
     if not _is_command(time_s, level):
         raise VgrooveError(
             f"{source}: points of next_experiment begin at 0 s, go on in time to {PROFILE_S:g} s"
@@ -188,13 +185,30 @@ def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
     return replace(profile, time_s=tuple(time_s.tolist()), level=tuple(level.tolist()))
 
 
+def _points(given: Any, source: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s and levels (n,) of the points of a run; VgrooveError unless they are a list of
+    pairs of finite numbers.
+    """
+    try:
+        points = np.asarray(given)
+    except ValueError:  # lists of different lengths
+        points = np.empty(0)
+    numbers = points.dtype.kind in "iuf" and bool(np.isfinite(points).all())
+    if not numbers or points.ndim != 2 or points.shape[1] != 2:
+        raise VgrooveError(
+            f"{source}: points of next_experiment are pairs [s, share of the largest command] of "
+            "finite numbers"
+        )
+    time_s, level = points.astype(float).T
+    return time_s, level
+
+
 def _is_command(time_s: np.ndarray, level: np.ndarray) -> bool:
-    """Whether points (n,) are a command: finite numbers; times that begin at 0 and increase up to
-    PROFILE_S; levels in -1..1 that are not all 0.
+    """Whether points (n,) are a command: times that begin at 0 and increase up to PROFILE_S; levels
+    in -1..1 that are not all 0.
     """
     return (
         len(time_s) >= 2
-        and bool(np.isfinite([time_s, level]).all())
         and bool(np.any(level != 0.0))
         and time_s[0] == 0.0
         and not np.any(np.diff(time_s) <= 0.0)

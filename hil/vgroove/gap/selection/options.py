@@ -2,7 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import TYPE_CHECKING
+
+from vgroove.errors import VgrooveError
 
 if TYPE_CHECKING:
     from vgroove.log import ColumnMap
@@ -16,7 +19,8 @@ class DiagnosisOptions:
     column outside of which no row is used (None: no bound); as_is: use logs whose units, signs or
     time base look wrong; columns: which column of a file or table is which column of a log
     (vgroove.log.column_map; None: those of the same name); joints: of a hammering tool, for each
-    log the rig with that log's own joint (empty: all logs have the rig's).
+    log the rig with that log's own joint (empty: all logs have the rig's). VgrooveError for a seed
+    that is no whole number of 0 or more.
     """
 
     seed: int = 0
@@ -27,3 +31,8 @@ class DiagnosisOptions:
     as_is: bool = False
     columns: "ColumnMap | None" = None
     joints: Sequence["Rig"] = ()
+
+    def __post_init__(self) -> None:
+        number = isinstance(self.seed, Integral) and not isinstance(self.seed, bool)
+        if not number or self.seed < 0:
+            raise VgrooveError(f"seed must be a whole number of 0 or more, not {self.seed!r}")
