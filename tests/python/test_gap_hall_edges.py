@@ -2,6 +2,7 @@
 rising, falling and reversing speed.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,7 +11,12 @@ import pytest
 
 from made_log import edge_times, hall_column, rig
 from vgroove.gap.hall_edges.hidden_edges import HiddenEdges, _last_in_row
-from vgroove.gap.hall_edges.hidden_periods import accelerated_edge_times, counted_edge_times
+from vgroove.gap.hall_edges.hidden_periods import (
+    accelerated_edge_times,
+    counted_edge_times,
+    long_span_s,
+    most_summed,
+)
 from vgroove.gap.hall_edges.jitter import Jitter, edge_jitter, edge_sigma_rpm
 from vgroove.gap.hall_edges.particle_step import spacing_error_s
 from vgroove.gap.hall_edges.particles import PARTICLES, Particles, RowPair
@@ -486,3 +492,40 @@ def test_rows_that_span_several_edges_are_no_jitter_in_short_moves(pulses: int, 
     speed = np.interp(0.5 * (edges.start_s + edges.end_s), time_s, true) * 60.0 / (2.0 * np.pi)
     error = np.median(np.abs(edges.speed_rpm - speed))
     assert len(edges.row) > 300 and np.median(sigma) < 4.0 * max(error, 1.0)
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.5, 0.9, 1.0, 1.0001, 1.5, 3.0, 9.0])
+@pytest.mark.parametrize("more", [1, 2, 30, 500])
+def test_the_length_of_many_periods_is_their_sum(ratio: float, more: int) -> None:
+    first_s, last_s = 1e-3, 1e-3 * ratio
+    count = most_summed(first_s, last_s) + more
+    rate = np.linspace(1.0 / first_s**2, 1.0 / last_s**2, count + 1)[1:]
+    summed = float((1.0 / np.sqrt(rate)).sum())
+    longest = max(first_s, last_s)
+    assert long_span_s(first_s, last_s, count) == pytest.approx(summed, abs=1e-6 * longest)
+    times = accelerated_edge_times(first_s, last_s, count)
+    assert len(times) == count and times[-1] == pytest.approx(summed, abs=1e-6 * longest)
+    assert np.all(np.diff(times) > 0.0)
+
+
+def test_the_time_of_a_row_does_not_grow_with_the_square_of_its_edges() -> None:
+    """Rows at 1 Hz of a shaft at 25,000 rpm: 1,700 edges each."""
+    time_s = np.arange(100.0)
+    speed = 2.5e4 * (0.8 + 0.2 * np.sin(2.0 * np.pi * time_s / 30.0))
+    begin_s = time.process_time()
+    found = read_edge_periods(time_s, np.round(speed, 1), 4, 0.5)
+    assert time.process_time() - begin_s < 4.0  # 0.7 s; with sums of all periods 11 s
+    assert len(found.end_s) > 90 and np.all(np.diff(found.end_s) > 0.0)
+
+
+@pytest.mark.parametrize("pulses", [1, 4, 16])
+@pytest.mark.parametrize("interval_s", [1e-4, 1e-2])
+def test_a_column_that_is_no_hall_speed_is_read_without_an_error(
+    pulses: int, interval_s: float
+) -> None:
+    """Its rows contradict one another, so that the last edge may lie after a row's end."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        noise = np.round(rng.choice([30.0, 3000.0]) * rng.random(200), 2)
+        found = read_edge_periods(interval_s * np.arange(200), noise, pulses, 0.5)
+        assert np.isfinite(found.end_s).all()

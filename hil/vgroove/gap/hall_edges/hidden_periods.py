@@ -1,6 +1,7 @@
 """Times of the Hall edges that no log row reports, because several edges fall between two rows."""
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,9 @@ BEND_SHARE = 0.02
 # one edge falls into a row; chosen on the tuning half of the blind set
 ONE_EDGE_ROWS = 1.5
 MOST_KEPT = 64  # periods of a span up to which the shares are kept: 64 KiB each at most
+# least number of periods, in shares of the smaller rate in the change of rate, from which
+# long_span_s() is used: its error is below 1e-6 of the longest period (the next term of its series)
+LEAST_EVEN = 8.0
 
 
 def counted_edge_times(
@@ -39,10 +43,33 @@ def accelerated_edge_times(previous_s: float, period_s: float, most: int) -> np.
     assumes that n periods lead from a period of previous_s to one of period_s at uniform
     acceleration: the square of the speed then grows linearly with the angle.
     """
-    shares = _kept_shares if most <= MOST_KEPT else _shares_of_spans
-    share, passed = shares(most)
+    few = most if most <= MOST_KEPT else min(most, most_summed(previous_s, period_s))
+    shares = _kept_shares if few <= MOST_KEPT else _shares_of_spans
+    share, passed = shares(few)
     rate = 1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) * share
-    return (passed / np.sqrt(rate)).sum(axis=1)
+    summed = (passed / np.sqrt(rate)).sum(axis=1)
+    if few == most:
+        return summed
+    return np.append(summed, long_span_s(previous_s, period_s, np.arange(few + 1, most + 1)))
+
+
+def most_summed(previous_s: float, period_s: float) -> int:
+    """Number of periods between previous_s and period_s up to which their sum is taken one by one,
+    and above which long_span_s() states it.
+    """
+    ratio = max(previous_s, period_s) / min(previous_s, period_s)
+    return int(max(MOST_KEPT, LEAST_EVEN * (ratio * ratio - 1.0)))
+
+
+def long_span_s(previous_s: float, period_s: float, count: Any) -> Any:
+    """Length, s, of `count` periods (a number, or (k,)) that lead from previous_s to period_s at
+    uniform acceleration: the first terms of the Euler-Maclaurin series of their sum.
+    """
+    change = 1.0 / period_s**2 - 1.0 / previous_s**2
+    mean_s = 2.0 / (1.0 / previous_s + 1.0 / period_s)
+    bend = change * (period_s**3 - previous_s**3) / (24.0 * count)
+    third = (change / count) ** 3 * (period_s**7 - previous_s**7) / 384.0
+    return count * mean_s + 0.5 * (period_s - previous_s) - bend + third
 
 
 def _shares_of_spans(most: int) -> tuple[np.ndarray, np.ndarray]:

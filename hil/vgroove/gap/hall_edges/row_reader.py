@@ -17,9 +17,12 @@ from vgroove.gap.hall_edges.chain import ChainEdge, EdgeChain, TimeoutSample
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.hall_edges.hidden_periods import (
     BEND_SHARE,
+    MOST_KEPT,
     ONE_EDGE_ROWS,
     TICK_S,
     counted_edge_times,
+    long_span_s,
+    most_summed,
 )
 
 FEW_EDGES = 7  # number of edges up to which plain numbers are faster than an array
@@ -272,6 +275,8 @@ class RowReader:
             length = sum(
                 1.0 / sqrt(first + (last - first) * n / count) for n in range(1, count + 1)
             )
+        elif count > MOST_KEPT and count > most_summed(previous_s, r.period_s):
+            length = long_span_s(previous_s, r.period_s, count)
         else:
             rate = first + (last - first) * np.arange(1, count + 1) / count
             length = float((1.0 / np.sqrt(rate)).sum())
@@ -316,6 +321,8 @@ class RowReader:
         floor = max(r.now_s - r.period_s, since) - r.rounding_s - TICK_S
         ceiling = r.now_s + r.rounding_s + TICK_S
         best = self._widest_fit(r, floor, ceiling)
+        if best is None:
+            return False
         low, high = best.low_s, best.high_s
         if low - high > LIMITS.max_mismatch_s:
             if r.period_s > ONE_EDGE_ROWS * (r.now_s - self._before()):
@@ -327,8 +334,10 @@ class RowReader:
         self.low, self.high = min(low, high), max(low, high)
         return True
 
-    def _widest_fit(self, r: RowReading, floor: float, ceiling: float) -> _EdgeFit:
-        """The number of edges that leaves the widest interval between floor and ceiling."""
+    def _widest_fit(self, r: RowReading, floor: float, ceiling: float) -> _EdgeFit | None:
+        """The number of edges that leaves the widest interval between floor and ceiling; None where
+        the last edge would lie after the row's end.
+        """
         previous, best, widest = self.chain.period_s[-1], None, -inf
         earliest = self._earliest(r, abs(r.period_s - previous)) - r.rounding_s
         for count in self._counts_to_try(r, previous):
