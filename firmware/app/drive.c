@@ -57,6 +57,7 @@ static int16_t applied_duty_q15(const App *app) {
 // cycles for the division.
 static int16_t coast(App *app) {
     app->ramp_q15 = resumed_duty(app, along(app, app->measured.speed_rpm_q1));
+    app->requested_q15 = app->ramp_q15;
     foldback_reset(&app->foldback);
     app->driving = false;
     app->controlled = false;
@@ -81,11 +82,11 @@ static int16_t requested_duty(App *app, ModesCommand command, const ControllerIn
     return requested_q15;
 }
 
-// At most the duty limit. When the limit is lowered in a drive, the ramped trigger is above it
-// until it has fallen, and the duty falls with it: a step would brake with a large current.
+// At most the duty limit. When the limit is lowered in a drive, the duty falls to it at the slew
+// rate: a step would brake with a large current.
 static int16_t limited_duty(const App *app, int16_t duty_q15) {
-    const int16_t most_q15 =
-        app->ramp_q15 > app->duty_limit_q15 ? app->ramp_q15 : app->duty_limit_q15;
+    const int16_t falling_q15 = (int16_t)(app->requested_q15 - app->slew_q15);
+    const int16_t most_q15 = falling_q15 > app->duty_limit_q15 ? falling_q15 : app->duty_limit_q15;
     return duty_q15 < most_q15 ? duty_q15 : most_q15;
 }
 

@@ -14,8 +14,9 @@
 //
 // The bridge is driven in DRIVE, open otherwise; in RELEASE with the parameter release_mode 1 the
 // duty falls to 0 first, within 300 ms. armed: the contact was open at least once since the start,
-// the last fault, the last stop and the last change of the direction switch, which takes effect in
-// IDLE at standstill only.
+// the last fault, the last stop, and since the drive has the direction of its switch, which it
+// takes in IDLE at standstill only: a press during the run-down in the other direction does not
+// count.
 #ifndef VGROOVE_APP_MODES_H
 #define VGROOVE_APP_MODES_H
 

@@ -1,5 +1,6 @@
 """`vgroove sim SCENARIO`: the plant alone with the trigger's travel as duty, without firmware. The
-log has the effects of the rig's sensors, and neither noise nor steps of a converter.
+log has the effects of the rig's sensors except missed edges, and neither noise nor steps of a
+converter.
 """
 
 from typing import Any

@@ -185,3 +185,19 @@ def test_a_slowly_logged_shaft_may_rest_where_nothing_drives_it(stops: bool, rig
     found = remove_dead_samples(Log(0.25 * rows, columns, "start and stop"), stated)
     removed = np.isnan(found["speed_rpm"])[rest].mean()
     assert removed == 0.0 if stops else removed > 0.9
+
+
+@pytest.mark.parametrize("flag", ["coast", "duty"])
+def test_a_speed_that_drops_to_0_for_a_row_of_a_run_down_is_removed(flag: str, rig: Rig) -> None:
+    """No shaft stops and starts within a small part of its time constant."""
+    rows = np.arange(4000)
+    driven = rows % 1000 < 500
+    speed = np.where(driven, 8000.0, 8000.0 * np.exp(-(rows % 1000 - 500) / 2000.0)) + rows % 7
+    dropped = rows[50::67]
+    speed[dropped] = 0.0
+    columns = {"duty": np.where(driven | (flag == "coast"), 0.6, 0.0), "speed_rpm": speed}
+    if flag == "coast":
+        columns["coast"] = (~driven).astype(float)
+    stated = replace(rig, sensors={"log_hz": 1000.0})
+    found = remove_dead_samples(Log(1e-3 * rows, columns, "run down"), stated)
+    assert np.array_equal(np.flatnonzero(np.isnan(found["speed_rpm"])), dropped)

@@ -156,3 +156,11 @@ def test_pauses_of_one_length_are_no_slow_samples(level_rpm: float) -> None:
     log = log_of(np.tile(stroke, 12))
     (found,) = remove_held_samples([log], tool(speed_noise_rpm=0.0))
     assert np.isfinite(found["speed_rpm"]).all() and not found.warnings
+
+
+def test_single_steps_between_the_samples_of_a_slow_sensor_do_not_hide_them() -> None:
+    """A value that is rounded differently when it is read again."""
+    rng = np.random.default_rng(4)
+    dithered = polled(wave(), 10) + LSB * (rng.uniform(size=ROWS) < 0.1)
+    (found,) = remove_held_samples([log_of(dithered)], tool())
+    assert found.warnings and "speed_rpm every 50 ms" in found.warnings[0]

@@ -128,6 +128,27 @@ TEST(Modes, ATakenDirectionIsArmedOnlyByAnOpenContact) {
     }
 }
 
+// The switch is moved with an open contact while the shaft runs down.
+TEST(Modes, APressDuringTheRunDownInTheOtherDirectionDoesNotCount) {
+    ModesInputs m{};
+    Modes self = in_state(MODES_RELEASE);
+    m.reverse_switch = true;
+    modes_step(&self, &m);
+    m.contact = m.pressed = true;
+    modes_step(&self, &m);
+    m.standstill = true;
+    for (int n = 0; n < 5; ++n) {
+        modes_step(&self, &m);
+        EXPECT_EQ(self.state, MODES_IDLE) << n;
+    }
+    m.contact = m.pressed = false;
+    modes_step(&self, &m);
+    m.contact = m.pressed = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_DRIVE);
+    EXPECT_TRUE(self.reverse);
+}
+
 TEST(Modes, AStoppedDriveStaysOpenUntilTheContactOpens) {
     Modes self = in_state(MODES_DRIVE);
     ModesInputs m{};

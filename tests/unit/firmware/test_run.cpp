@@ -116,6 +116,9 @@ struct RunTest : testing::Test {
         }
     }
 
+    // A duty limit of 0 in a drive with each controller: the duty falls at the slew rate.
+    void lower_the_limit(double travel);
+
     void limit_duty(int16_t limit_q15) {
         const auto low = static_cast<uint8_t>(limit_q15 & 0xFF);
         const auto high = static_cast<uint8_t>(limit_q15 >> 8);
@@ -314,13 +317,13 @@ TEST_F(RunTest, ReleaseCoastsAndAResumedDriveDoesNotBrakeHardInAnyMode) {
 
 // A step of the duty would brake the turning shaft with the current of its whole back-EMF, which
 // trips at 18.5 V.
-TEST_F(RunTest, ADutyLimitLoweredInADriveActsAtTheRateOfTheTriggerInAnyMode) {
+void RunTest::lower_the_limit(double travel) {
     for (int mode = 0; mode <= static_cast<int>(TELEMETRY_MODE_MAX); ++mode) {
         if (!control_has(static_cast<uint8_t>(mode)))
             continue;
         start_with({{PARAM_MODE, mode}});
         run(0.5);
-        press(1.0);
+        press(travel);
         run(0.8);
         limit_duty(0);
         fast.clear();
@@ -328,11 +331,18 @@ TEST_F(RunTest, ADutyLimitLoweredInADriveActsAtTheRateOfTheTriggerInAnyMode) {
         EXPECT_EQ(faults(), 0) << mode;
         EXPECT_LE(fast.back().compare, 0) << mode;
         for (size_t k = 1; k < fast.size(); ++k) {
-            ASSERT_TRUE(fast[k].compare >= fast[k - 1].compare - 3 || fast[k - 1].compare <= 1)
-                << mode << ' ' << k;
-            ASSERT_GT(fast[k].current_q9, -20 * 512) << mode << ' ' << k;
+            const bool open = fast[k].compare < 0;  // a controller may end the drive
+            ASSERT_TRUE(open || fast[k].compare >= fast[k - 1].compare - 3 ||
+                        fast[k - 1].compare <= 1)
+                << mode << ' ' << travel << ' ' << k;
+            ASSERT_GT(fast[k].current_q9, -20 * 512) << mode << ' ' << travel << ' ' << k;
         }
     }
+}
+
+TEST_F(RunTest, ADutyLimitLoweredInADriveActsAtTheSlewRateInAnyMode) {
+    for (const double travel : {1.0, 0.5, 0.35})
+        lower_the_limit(travel);
 }
 
 // The ramp starts at the last duty, within the fold-back, in every mode; the duty never rises.

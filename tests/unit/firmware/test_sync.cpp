@@ -212,6 +212,19 @@ TEST_P(SyncMethods, TheParametersSetTheLevelAndItsLimits) {
     }
 }
 
+// The limits cross where sync_low_mv lies far above sync_high_mv: the upper one counts, always.
+TEST_P(SyncMethods, CrossedLimitsGiveOneLevel) {
+    SyncSetpoints set = GetParam();
+    set.low_mv = 20000;
+    set.high_mv = 8000;
+    Tool tool(set);
+    tool.run(600, 1.0, 31.0, 0.03);
+    for (int n = 0; n < 50; ++n) {
+        tool.run(1, 1.0, 31.0, 0.03);
+        ASSERT_EQ(sync_estimate(&tool.sync), 8000 + 1100) << n;
+    }
+}
+
 TEST_P(SyncMethods, ALevelFarFromTheVoltageIsApproachedWithoutOverflow) {
     SyncSetpoints high = GetParam(), low = GetParam();
     high.low_mv = high.high_mv = 25000;

@@ -141,7 +141,8 @@ def dropped_samples(column: _Column) -> np.ndarray:
     """Samples (n,) of exactly 0 between samples that are far from 0, and spikes.
 
     Either the samples around have one sign, or the zeros are a long run of the current while the
-    bridge drives: no motor, battery or edge counter gives such values.
+    bridge drives: no motor, battery or edge counter gives such values. A shaft that nothing drives
+    may be at rest between samples that are its time constant or more apart.
     """
     values, out = column.values, spikes(column)
     beside, is_current = LIMITS.beside, column.name == "current_a"
@@ -161,15 +162,19 @@ def dropped_samples(column: _Column) -> np.ndarray:
     wrong = (np.abs(around) > least).all(axis=0) & (one_sign | long_run)
     if is_current:
         wrong &= bridge_drives(column)[zero] | (run <= beside)
-    if is_current or not slowest_rpm:
-        wrong &= ~may_be_without_drive(column)[zero]
+    if is_current:
+        wrong &= ~without_drive(column)[zero]
+    elif not slowest_rpm:
+        apart_s = column.time_s[live[at]] - column.time_s[live[at - 1]]
+        stops = apart_s >= column.rig.speed_time_constant_s
+        wrong &= ~(stops & without_drive(column)[zero])
     out[zero[wrong]] = True
     return out
 
 
-def may_be_without_drive(column: _Column) -> np.ndarray:
-    """Rows (n,) at which a current, or a shaft whose stops no timeout of edges delays, may be at 0:
-    the bridge is open there or in a row beside, or a speed's command is 0.
+def without_drive(column: _Column) -> np.ndarray:
+    """Rows (n,) at which a current may be 0, or a shaft come to rest: the bridge is open there or
+    in a row beside, or a speed's command is 0.
     """
     none = np.zeros(len(column.time_s), bool)
     coast = column.columns.get("coast")

@@ -85,8 +85,8 @@ def sample_period_s(log: Log, name: str) -> float | None:
         return None
     usual = float(np.median(lengths))
     is_usual = np.abs(lengths - usual) <= _jitter(usual)
-    # no value changes between two samples: changes within them are those of a faster sensor
-    is_whole = np.diff(rows[begin + 1]) >= usual - _jitter(usual)
+    # no value changes between two samples: larger changes within them are those of a faster sensor
+    is_whole = np.diff(rows[begin[size > small] + 1]) >= usual - _jitter(usual)
     held = min(is_usual.mean(), is_whole.mean()) >= LIMITS.usual_share
     return usual * _row_s(log) if held and usual >= LIMITS.min_rows else 0.0
 

@@ -14,7 +14,9 @@ BEND_SHARE = 0.02
 # rows: a period longer than this many row intervals is reported by a row of its own, and at most
 # one edge falls into a row; chosen on the tuning half of the blind set
 ONE_EDGE_ROWS = 1.5
-MOST_KEPT = 64  # periods of a span up to which the shares are kept: 64 KiB each at most
+# periods of a span up to which the shares are kept, 64 KiB each at most, and spans that are summed
+# at once
+MOST_KEPT = 64
 # least number of periods, in shares of the smaller rate in the change of rate, from which
 # long_span_s() is used: its error is below 1e-6 of the longest period (the next term of its series)
 LEAST_EVEN = 8.0
@@ -44,10 +46,13 @@ def accelerated_edge_times(previous_s: float, period_s: float, most: int) -> np.
     acceleration: the square of the speed then grows linearly with the angle.
     """
     few = most if most <= MOST_KEPT else min(most, most_summed(previous_s, period_s))
-    shares = _kept_shares if few <= MOST_KEPT else _shares_of_spans
-    share, passed = shares(few)
-    rate = 1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) * share
-    summed = (passed / np.sqrt(rate)).sum(axis=1)
+    first, change = 1.0 / previous_s**2, 1.0 / period_s**2 - 1.0 / previous_s**2
+    parts = []
+    for begin in range(0, few, MOST_KEPT):
+        shares = _kept_shares if few <= MOST_KEPT else _shares_of_spans
+        share, passed = shares(begin, min(begin + MOST_KEPT, few))
+        parts.append((passed / np.sqrt(first + change * share)).sum(axis=1))
+    summed = np.concatenate(parts)
     if few == most:
         return summed
     return np.append(summed, long_span_s(previous_s, period_s, np.arange(few + 1, most + 1)))
@@ -72,12 +77,13 @@ def long_span_s(previous_s: float, period_s: float, count: Any) -> Any:
     return count * mean_s + 0.5 * (period_s - previous_s) - bend + third
 
 
-def _shares_of_spans(most: int) -> tuple[np.ndarray, np.ndarray]:
-    """For spans of 1, 2, ... `most` periods (rows) and each period (columns): the share of the span
-    at the period's end, and 1 if the period is part of the span; both 0 else.
+def _shares_of_spans(above: int, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """For spans of more than `above` and at most `most` periods (rows) and each period (columns):
+    the share of the span at the period's end, and 1 if the period is part of the span; both 0 else.
     """
-    number = np.arange(1, most + 1)
-    share, passed = np.tril(number[None, :] / number[:, None]), np.tri(most)
+    number, period = np.arange(above + 1, most + 1)[:, None], np.arange(1, most + 1)
+    passed = (period <= number).astype(float)
+    share = passed * period / number
     share.flags.writeable = passed.flags.writeable = False
     return share, passed
 

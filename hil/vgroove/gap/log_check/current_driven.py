@@ -87,7 +87,7 @@ def _fitted(
 
 def _held(values: np.ndarray) -> np.ndarray:
     """A column (rows,) that may be sampled more slowly than the log: each value holds for as many
-    rows as values are usually apart; nan after that and before the first one.
+    further rows as values are usually apart; nan after that and before the first one.
     """
     rows, known = np.arange(len(values)), np.flatnonzero(np.isfinite(values))
     if len(known) < 2:

@@ -23,8 +23,10 @@ class MarkRules:
     # or rests at it comes near first
     step: float = 20.0
     usual_quantile: float = 0.9
-    # any other value: times the largest magnitude of the other rows
+    # times the largest magnitude of the other rows: of any other value, and of such a number in
+    # consecutive rows, in which a sensor at its limit holds it too
     beyond: float = 5.0
+    over_rig_for_number: float = 2.0  # the same: times the value that the rig's supply gives
     alone: float = 0.8  # share of its rows whose neighbours do not hold it
     # times the rig's value beyond which a sensor at its limit is none: 2 for a current that brakes
     # against the supply, 2 for a rig whose values are off
@@ -42,26 +44,29 @@ def marked_findings(log: Log, rig: Rig | None) -> list[Finding]:
     found = []
     for name in (name for name in JUDGED_COLUMNS if name in log.columns):
         values = np.asarray(log.columns[name], float)
-        found += _logger_marks(name, values) or _far_values(name, values, rig)
+        found += _logger_marks(name, values, rig) or _far_values(name, values, rig)
     return found
 
 
-def _logger_marks(name: str, values: np.ndarray) -> list[Finding]:
-    """A refusal for each number of MARK.sizes that a column (rows,) reaches by a step and leaves by
-    one, in consecutive rows or in single ones.
+def _logger_marks(name: str, values: np.ndarray, rig: Rig | None) -> list[Finding]:
+    """A finding for each number of MARK.sizes that a column (rows,) reaches by a step and leaves by
+    one: a refusal where it stands in single rows or far beyond all others, else a warning.
     """
     seen = values[np.isfinite(values)]
     is_mark = np.isin(np.abs(seen), MARK.sizes)
     far, found = _far_step(seen[~is_mark]), []
-    for mark in np.unique(seen[is_mark]):
+    others = float(np.abs(seen[~is_mark]).max(initial=0.0))
+    most = min(MARK.beyond * others, MARK.over_rig_for_number * _largest_of_rig(name, rig))
+    for mark in np.unique(seen[is_mark]) if far > 0.0 else ():
         rows, least = _rows_after_steps(seen, mark, far)
         if rows >= MARK.min_rows:
+            certain = abs(mark) > most or _in_single_rows(seen == mark)
             text = (
                 f"column {name}: reads exactly {mark:.6g} in {rows} rows, {least:.4g} or more away "
                 "from the values beside them, and loggers write this number for a sample that they "
                 "lack: if it marks missing samples, write them as empty cells or NaN"
             )
-            found.append(Finding(text, refuses=True))
+            found.append(Finding(text, refuses=certain, warns=not certain))
     return found
 
 
