@@ -210,6 +210,12 @@ def test_a_time_range_keeps_the_rows_within() -> None:
     assert TimeRange().select(log) is log
 
 
+@pytest.mark.parametrize("ends", [(float("nan"), None), (0.0, float("nan"))])
+def test_an_end_of_a_time_range_that_is_no_number_is_refused(ends: tuple) -> None:
+    with pytest.raises(VgrooveError, match="times in s, not nan"):
+        TimeRange(*ends)
+
+
 def test_an_empty_time_range_is_refused_with_the_range_of_the_log() -> None:
     with pytest.raises(VgrooveError, match="--from must be below --to"):
         TimeRange(3.0, 3.0)

@@ -142,8 +142,10 @@ def _check_entry(entry: Any, source: str) -> None:
         if needed and not entry.get(key):
             raise VgrooveError(f"{source}: the key {key} is missing")
     texts = [one for key in ("logs", "without", "map") for one in entry.get(key, ())]
-    if not all(isinstance(one, str) for one in texts):
-        raise VgrooveError(f"{source}: logs, without and map are lists of texts")
+    if not all(isinstance(one, str) and one for one in texts):
+        raise VgrooveError(
+            f"{source}: logs, without and map are lists of texts, none of them empty"
+        )
 
 
 def _is_of_type(value: Any, kind: type | tuple[type, ...]) -> bool:

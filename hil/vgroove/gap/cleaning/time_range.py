@@ -1,5 +1,6 @@
 """Chooses the rows of a log within a range of its own time column."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,13 +12,15 @@ from vgroove.log import MIN_USABLE_SAMPLES, Log
 @dataclass(frozen=True)
 class TimeRange:
     """Times in s of a log's own column, both included; None: from its first or to its last row.
-    VgrooveError for an empty range.
+    VgrooveError for an empty range, or an end that is no number.
     """
 
     from_s: float | None = None
     to_s: float | None = None
 
     def __post_init__(self) -> None:
+        if any(end is not None and math.isnan(end) for end in (self.from_s, self.to_s)):
+            raise VgrooveError("--from and --to are times in s, not nan")
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise VgrooveError(
                 f"the range from {self.from_s:.10g} s to {self.to_s:.10g} s is empty: --from must "
