@@ -25,6 +25,8 @@ from vgroove.adapt.level_scale import LevelScale, level_scale
 from vgroove.adapt.setpoints import (
     beyond_controllers,
     beyond_range,
+    check_tool,
+    climb_share,
     default_value,
     needed_setpoints,
     setpoints,
@@ -192,14 +194,48 @@ def test_a_setpoint_that_the_board_cannot_hold_is_warned_of() -> None:
     assert warning.startswith("motor_rpm_per_v: this tool needs 973 rpm/V, the nearest value")
 
 
+@pytest.mark.parametrize("pulses", [0, 5, 6])
+def test_hall_edges_that_no_board_reads_are_refused(pulses: int) -> None:
+    rig = reference_rig().with_values({"sensors.hall_pulses_per_rev": pulses})
+    with pytest.raises(VgrooveError, match="reads 1 to 4 Hall edges a turn"):
+        check_tool(rig)
+
+
+def test_the_duty_that_holds_the_preload_follows_groove_gear_and_supply() -> None:
+    for key, factor, share in (
+        ("gearbox.ratio", 1.1, 1.0 / 1.1),
+        ("mechanism.groove_lead_m_per_rad", 1.1, 1.1),
+        ("mechanism.spring_preload_n", 1.1, 1.1),
+        ("supply.voltage_v", 0.8, 1.25),
+    ):
+        rig = reference_rig()
+        table, name = key.split(".")
+        other = rig.with_values({key: factor * getattr(rig, table)[name]})
+        assert climb_share(other) == pytest.approx(share), key
+
+
+def test_the_check_runs_with_the_parameters_of_the_tool() -> None:
+    """Two Hall edges a turn: with the default of four the board counts half the speed."""
+    rig = reference_rig().with_values({"sensors.hall_pulses_per_rev": 2})
+    values = setpoints(rig, SAME)
+    assert values["hall_pulses"] == 2.0
+    cell = next(c for c in torque_drawn.cells(1) if c["target_nm"] == 75.0)
+    own, plain = (
+        torque_drawn.work(torque_drawn.CONTROLLER, base=rig, adapted=adapted, **cell)
+        for adapted in (torque_drawn.Adapted(None, values), torque_drawn.Adapted())
+    )
+    assert abs(own["error"]) < 0.06 and torque_drawn.reached(own)
+    assert not torque_drawn.reached(plain) or abs(plain["error"]) > 0.06
+
+
 def test_what_a_controller_clips_is_warned_of() -> None:
     needed = needed_setpoints(reference_rig(), SAME)
-    assert beyond_controllers(needed, 4) == []
-    [steep] = beyond_controllers({**needed, "motor_mohm": 600.0, "motor_rpm_per_v": 876.0}, 4)[:1]
+    assert beyond_controllers(needed) == []
+    [steep] = beyond_controllers({**needed, "motor_mohm": 600.0, "motor_rpm_per_v": 876.0})[:1]
     assert "loses 526 rpm per A" in steep
-    [winding] = beyond_controllers({**needed, "motor_mohm": 520.0}, 4)
+    [winding] = beyond_controllers({**needed, "motor_mohm": 520.0})
     assert winding.startswith("motor_mohm: this tool needs 520 mohm")
-    [edges] = beyond_controllers(needed, 2)
+    [edges] = beyond_controllers({**needed, "hall_pulses": 2})
     assert "5.6 edges from lug to lug" in edges
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from truth_helpers import BY_ID, CATALOGUE, TRUTH, setting_of
 
@@ -25,7 +26,7 @@ from rigs import TOLERANCE  # isort: skip
 from vgroove.errors import VgrooveError
 from vgroove.gap_bench import cases, needs, rates, report, run, score
 from vgroove.gap_bench import scored as scoring
-from vgroove.gap_bench.command import Request, chosen
+from vgroove.gap_bench.command import Request, check_page, chosen, run_bench
 from vgroove.gap_bench.report import bench_page, tables
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -478,6 +479,28 @@ def test_a_delayed_speed_column_is_late_by_whole_rows() -> None:
     assert scoring.true_parameter(answer, "speed_lag") == pytest.approx(1e-3)
     lagged = answer | {"truth": {"speed_lag_s": 2.4e-5}}
     assert scoring.true_parameter(lagged, "speed_lag") == 2.4e-5
+
+
+@pytest.mark.parametrize(
+    ("request_", "sentence"),
+    [
+        (Request("tune", without=["viscous"]), "no effect has this id; the nearest is viscous_fr"),
+        (Request("tune", count=3, fifth=True), "--count and --fifth: give one of them"),
+        (Request("tune", fifth=True, numbers=[1]), "--fifth and --number: give one of them"),
+    ],
+)
+def test_a_choice_without_effect_is_refused(request_: Request, sentence: str) -> None:
+    with pytest.raises(VgrooveError, match=sentence):
+        run_bench(request_, Console(quiet=True))
+
+
+def test_a_page_that_cannot_be_filled_is_refused_before_the_run(tmp_path: Path) -> None:
+    with pytest.raises(VgrooveError, match="cannot be read"):
+        check_page(tmp_path / "page.md")
+    (tmp_path / "page.md").write_text("<!--needs-->\n<!--end of needs-->\n")
+    with pytest.raises(VgrooveError, match="the mark <!--figures--> is missing"):
+        check_page(tmp_path / "page.md")
+    check_page(ROOT / "docs/gap_bench.md")
 
 
 def test_cases_are_chosen_by_the_options() -> None:

@@ -103,23 +103,26 @@ def adapt(rig: Rig, progress: Callable[[float], None] | None = None) -> Adaptati
     check_tool(rig)
     levels, motor_levels = level_scale(rig), level_scale(rig, motor_of(rig))
     found, of_map = torque_map(rig, levels.level, progress=progress)
-    needed, pulses = needed_setpoints(rig, motor_levels), rig.sensors.get("hall_pulses_per_rev", 0)
-    warnings = (*of_map, *beyond_range(needed), *beyond_controllers(needed, int(pulses)))
+    needed = needed_setpoints(rig, motor_levels)
+    warnings = (*of_map, *beyond_range(needed), *beyond_controllers(needed))
     return Adaptation(levels, motor_levels, setpoints(rig, motor_levels), found, warnings)
 
 
-def check_work(variant: Variant, *, rig: Rig, torque_map: bytes | None, **cell: Any) -> Figures:
+def check_work(
+    variant: Variant, *, rig: Rig, adapted: torque_drawn.Adapted, **cell: Any
+) -> Figures:
     """One drive of the check."""
-    return torque_drawn.work(variant, base=rig, torque_map=torque_map, **cell)
+    return torque_drawn.work(variant, base=rig, adapted=adapted, **cell)
 
 
 def check(rig: Rig, found: Adaptation, drives: int, tick: Tick) -> list[Figures]:
-    """`drives` tightenings to drawn targets on drawn joints with the map of the firmware and as
-    many with the tool's own: the figures of torque_drawn.compare.
+    """`drives` tightenings to drawn targets on drawn joints with the map and the parameters of the
+    firmware and as many with the tool's own: the figures of torque_drawn.compare.
     """
     cells = drawn({**DRIVE, **torque_drawn.SPANS}, drives, (CHECK_SEED,))
     compared = []
-    for name, own in ((BUILT_IN, None), (ADAPTED, found.flash_bytes)):
+    own = torque_drawn.Adapted(found.flash_bytes, found.parameters)
+    for name, adapted in ((BUILT_IN, torque_drawn.Adapted()), (ADAPTED, own)):
         jobs = [
             Job(
                 check_work,
@@ -130,7 +133,7 @@ def check(rig: Rig, found: Adaptation, drives: int, tick: Tick) -> list[Figures]
                     "tool": {},
                     "seed": CHECK_SEED + number,
                     "rig": rig,
-                    "torque_map": own,
+                    "adapted": adapted,
                 },
             )
             for number, cell in enumerate(cells)

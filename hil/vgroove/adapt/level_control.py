@@ -13,6 +13,7 @@ from vgroove import _core
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
+from vgroove.units import TURN_RAD
 
 TICK_S = 1e-3
 SUPPLY_LSB_V = 0.025  # resolution of the supply in the firmware
@@ -27,7 +28,7 @@ class Tool:
     """
 
     plant: _core.ImpactPlant
-    pitch_rad: float = np.pi / 2  # four edges a turn
+    pitch_rad: float
     phase_rad: float = 0.3
     time_s: float = 0.0
     angle_rad: float = 0.0
@@ -149,7 +150,9 @@ class Run:
         }
         self.load = {**REFERENCE_JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": slope}
         here = with_load(rig, self.load, values)
-        self.tool = Tool(_core.ImpactPlant(here.parameters(), "hard_joint"), supply_v=supply_v)
+        plant = _core.ImpactPlant(here.parameters(), "hard_joint")
+        pitch_rad = TURN_RAD / rig.sensors["hall_pulses_per_rev"]
+        self.tool = Tool(plant, pitch_rad, supply_v=supply_v)
         self.level, self.slope = Level(run_v, motor or motor_of(reference_rig())), slope
         while self.level.ticks < 100 or (self.level.current_a < 9.0 and self.level.ticks < 1500):
             self.level.tick(self.tool)

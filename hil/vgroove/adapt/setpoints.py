@@ -19,21 +19,31 @@ CURRENTS = ("sync_current_a", "vibration_surge_a")
 
 
 def check_tool(rig: Rig) -> None:
-    """VgrooveError for a rig without impact mechanism."""
+    """VgrooveError for a rig without impact mechanism, or with Hall edges that no board reads."""
     if rig.mechanism["kind"] != "impact":
         raise VgrooveError(
             f"{rig.name or 'the rig'}: the controllers that are adapted are those of an impact "
             'driver; this needs [mechanism] kind = "impact"'
         )
+    known, pulses = parameter("hall_pulses"), rig.sensors.get("hall_pulses_per_rev", 0)
+    if not known.minimum <= pulses <= known.maximum:
+        raise VgrooveError(
+            f"{rig.name or 'the rig'}: the firmware reads {known.minimum} to {known.maximum} Hall "
+            f"edges a turn of the motor, not sensors.hall_pulses_per_rev = {pulses:g}"
+        )
 
 
 def climb_share(rig: Rig) -> float:
-    """Duty at which the motor holds the spring's preload, over that of the reference tool."""
+    """Duty at which the motor holds the spring's preload, over that of the reference tool: F0 l /
+    (N k) (R + Rs) / V, with the spindle's groove.
+    """
 
     def duty(tool: Rig) -> float:
         k, resistance = motor_of(tool)
-        current = tool.mechanism["spring_preload_n"] / k
-        return current * (resistance + tool.value("supply.resistance_ohm"))
+        torque = tool.mechanism["spring_preload_n"] * tool.mechanism["groove_lead_m_per_rad"]
+        current = torque / tool.gearbox["ratio"] / k
+        drop_v = current * (resistance + tool.value("supply.resistance_ohm"))
+        return drop_v / tool.supply["voltage_v"]
 
     return duty(rig) / duty(reference_rig())
 
@@ -52,6 +62,7 @@ def needed_setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
     found = {
         "motor_mohm": 1000.0 * resistance,
         "motor_rpm_per_v": 1.0 / k / RAD_S_PER_RPM,
+        "hall_pulses": rig.sensors["hall_pulses_per_rev"],
         "blow_turn": rig.gearbox["ratio"] / rig.mechanism["lug_count"],
         "vibration_approach": default_value("vibration_approach") * motor_scale.level,
         "vibration_climb": default_value("vibration_climb") * climb_share(rig),
@@ -73,12 +84,12 @@ def beyond_range(values: dict[str, float]) -> list[str]:
     return found
 
 
-def beyond_controllers(values: dict[str, float], pulses: int) -> list[str]:
-    """A sentence for each value of needed_setpoints(), with the Hall edges per turn of the motor,
-    that a controller of the firmware clips in its own numbers, although the board holds it.
+def beyond_controllers(values: dict[str, float]) -> list[str]:
+    """A sentence for each value of needed_setpoints() that precise screwing, low vibration or the
+    blow detection clips in its own numbers, although the board holds it.
     """
     found = []
-    ohm, edges = values["motor_mohm"] / 1000.0, pulses * values["blow_turn"]
+    ohm, edges = values["motor_mohm"] / 1000.0, values["hall_pulses"] * values["blow_turn"]
     if ohm * values["motor_rpm_per_v"] >= MOST_RPM_PER_A:
         found.append(
             f"motor_mohm and motor_rpm_per_v: this tool loses {ohm * values['motor_rpm_per_v']:.0f}"
@@ -89,7 +100,7 @@ def beyond_controllers(values: dict[str, float], pulses: int) -> list[str]:
             f"motor_mohm: this tool needs {values['motor_mohm']:.0f} mohm, the low-vibration "
             f"controller counts at most {MOST_VIBRATION_MOHM:g}"
         )
-    if 0.0 < edges < LEAST_EDGES:
+    if edges < LEAST_EDGES:
         found.append(
             f"hall_pulses and blow_turn: {edges:.2g} edges from lug to lug, precise screwing needs "
             f"at least {LEAST_EDGES:g} to know the angle of a blow"

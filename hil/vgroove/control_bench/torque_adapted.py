@@ -68,7 +68,7 @@ def map_jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:
 def work(variant: Variant, *, map_hex: str | None, **cell: Any) -> Figures:
     """One drive, with the map of the firmware or another one."""
     torque_map = None if map_hex is None else bytes.fromhex(map_hex)
-    return torque_drawn.work(variant, torque_map=torque_map, **cell)
+    return torque_drawn.work(variant, adapted=torque_drawn.Adapted(torque_map), **cell)
 
 
 def jobs(chosen: Sequence[dict[str, Any]], maps: Sequence[Figures]) -> list[Job]:

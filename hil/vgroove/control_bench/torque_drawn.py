@@ -3,6 +3,7 @@ tools that are drawn.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,19 @@ MISSED = 1 / 16  # a larger error is a miss, which the firmware has to report as
 CONTROLLER = Variant("torque", "torque")
 
 
+@dataclass(frozen=True)
+class Adapted:
+    """What a board has in place of the firmware's: torque map as in flash, physical values of
+    parameters by their names.
+    """
+
+    torque_map: bytes | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+NOT_ADAPTED = Adapted()
+
+
 def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` cells of each target in each half, for the nominal tool and for tools that are
     off.
@@ -60,20 +74,20 @@ def joint(cell: Mapping[str, Any], tool: Rig | None = None) -> Rig:
 
 
 def work(
-    variant: Variant, *, base: Rig | None = None, torque_map: bytes | None = None, **cell: Any
+    variant: Variant, *, base: Rig | None = None, adapted: Adapted = NOT_ADAPTED, **cell: Any
 ) -> Figures:
     """One drive: the torque that the joint holds, its error, and what the board reports.
-    base: in place of the reference tool; torque_map: in place of the firmware's.
+    base: in place of the reference tool.
     """
     run = sil_run(
         joint(cell, base),
         mode=variant.mode,
-        params={"torque_target_nm": cell["target_nm"]},
+        params={**adapted.parameters, "torque_target_nm": cell["target_nm"]},
         profile=pull(cell["trigger"]),
         duration_s=MAX_SECONDS,
         seed=cell["seed"],
         stop_when=DriveEnd(),
-        torque_map=torque_map,
+        torque_map=adapted.torque_map,
     )
     reported = len(run.control["time_s"]) > 0
     return {

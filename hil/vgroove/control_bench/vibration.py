@@ -170,7 +170,7 @@ def compare(rows: Sequence[Figures], variant: str) -> Figures:
     """A method against no control over the same cells: relative changes of RMS and of time."""
     plain = {(r["supply_v"], r["load"]): r for r in rows if r["variant"] == PLAIN.name}
     pairs = [(plain[r["supply_v"], r["load"]], r) for r in rows if r["variant"] == variant]
-    done = [(a, b) for a, b in pairs if b["rms_nm"] is not None]
+    done = [(a, b) for a, b in pairs if None not in (a["rms_nm"], b["rms_nm"])]
     changes = {
         key: [b[key] / a[key] - 1.0 for a, b in done]
         for key in ("rms_nm", "weighted_nm", "time_s", "impacting_nm")

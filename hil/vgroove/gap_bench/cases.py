@@ -20,6 +20,10 @@ SOURCES = (
     "hil/vgroove/rig*.py",
     "hil/vgroove/log/*.py",
     "hil/vgroove/telemetry/*.py",
+    "hil/vgroove/reference/*.py",
+    "hil/vgroove/units.py",
+    "hil/vgroove/array_cache.py",
+    "rigs/*.toml",
     "plant/**/*.?pp",
     "hil/bindings/*.cpp",
 )

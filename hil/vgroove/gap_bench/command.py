@@ -2,6 +2,7 @@
 tables.
 """
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,11 +107,26 @@ def bench_command(
     from vgroove.output import check_outputs
 
     check_outputs((json_path, html_path), ())
+    if page:
+        check_page(page)
     request = Request(
         half, count, fifth, number or (), removed, without or (), jobs, regime or (), impact
     )
     figures = run_bench(request, Console(stderr=True))
     _show_and_write(figures, json_path, html_path, page)
+
+
+def check_page(page: Path) -> None:
+    """VgrooveError for a page that cannot be read or has no places for the tables."""
+    from vgroove.gap_bench.report import MARKS
+
+    try:
+        text = page.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise VgrooveError(f"--page {page}: cannot be read: {error}") from error
+    missing = [mark for mark in MARKS if mark not in text]
+    if missing:
+        raise VgrooveError(f"--page {page}: the mark {missing[0]} is missing")
 
 
 def _show_and_write(
@@ -135,6 +151,7 @@ def _show_and_write(
 
 def run_bench(request: Request, console: Console) -> dict[str, Any]:
     """Run and score the cases; the figures of all tables. The progress bar goes to `console`."""
+    from vgroove.gap.catalogue import BY_ID
     from vgroove.gap_bench.cases import BlindSet, find_checkout
     from vgroove.gap_bench.run import run_cases
     from vgroove.gap_bench.score import score
@@ -142,6 +159,14 @@ def run_bench(request: Request, console: Console) -> dict[str, Any]:
 
     if request.half not in HALVES:
         raise VgrooveError(f"--set is {' or '.join(HALVES)}, not {request.half}")
+    strange = sorted(set(request.without) - set(BY_ID))
+    if strange:
+        near = difflib.get_close_matches(strange[0], BY_ID, 1, 0.0)[0]
+        raise VgrooveError(f"--without {strange[0]}: no effect has this id; the nearest is {near}")
+    some = [name for name, one in (("--count", request.count), ("--fifth", request.fifth)) if one]
+    some += ["--number"] if request.numbers else []
+    if len(some) > 1:
+        raise VgrooveError(f"{' and '.join(some)}: give one of them")
     unknown = sorted(set(request.regimes) - set(request.known_regimes))
     if unknown:
         raise VgrooveError(f"--regime is {', '.join(request.known_regimes)}, not {unknown[0]}")

@@ -240,8 +240,9 @@ def calibration_figure(figures: dict[str, Any]) -> go.Figure:
 def cards(figures: dict[str, Any]) -> list[Card]:
     """The main rates with their goals."""
     rates, out = figures["rates"], []
+    goals = IMPACT_GOALS if figures.get("impact") else GOALS
     for kind in ("single", "pair"):
-        goal = f"goal {100 * GOALS['exact'][kind]:.0f} %"
+        goal = f"goal {100 * goals['exact'][kind]:.0f} %"
         if rates["exact"][kind]["of"] or "measured" not in rates:
             out.append(Card(f"{kind} effects, rig exact", percent(rates["exact"][kind]), goal))
         if "measured" in rates:
@@ -267,6 +268,14 @@ def bench_page(figures: dict[str, Any]) -> str:
     ).as_html()
 
 
+def marks(name: str) -> tuple[str, str]:
+    """Begin and end of a place in a Markdown page."""
+    return f"<!--{name}-->", f"<!--end of {name}-->"
+
+
+MARKS = (*marks("needs"), *marks("figures"))  # of the places that renewed() fills
+
+
 def renewed(page: str, figures: dict[str, Any]) -> str:
     """A Markdown page with the table of needs and all other tables replaced between their marks."""
     page = between(page, "needs", needs_table(figures["needs"]))
@@ -279,7 +288,7 @@ def renewed(page: str, figures: dict[str, Any]) -> str:
 
 def between(page: str, name: str, text: str) -> str:
     """The page with the text between the marks of that name replaced; ValueError without marks."""
-    begin, end = f"<!--{name}-->", f"<!--end of {name}-->"
+    begin, end = marks(name)
     head, mark, rest = page.partition(begin)
     _, closing, tail = rest.partition(end)
     if not mark or not closing:
