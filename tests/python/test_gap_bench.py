@@ -496,10 +496,10 @@ def test_a_choice_without_effect_is_refused(request_: Request, sentence: str) ->
 
 def test_a_page_that_cannot_be_filled_is_refused_before_the_run(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="cannot be read"):
-        check_page(tmp_path / "page.md")
-    (tmp_path / "page.md").write_text("<!--needs-->\n<!--end of needs-->\n")
+        check_page(tmp_path / "page")
+    (tmp_path / "page").write_text("<!--needs-->\n<!--end of needs-->\n")
     with pytest.raises(VgrooveError, match="the mark <!--figures--> is missing"):
-        check_page(tmp_path / "page.md")
+        check_page(tmp_path / "page")
     check_page(ROOT / "docs/gap_bench.md")
 
 
