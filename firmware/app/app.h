@@ -56,7 +56,7 @@ typedef struct {
     int16_t ramp_q15;                         // ramped trigger
     int16_t slew_q15;                         // greatest change of ramp_q15 per tick
     int16_t run_down_q15;                     // the same after a release
-    int16_t requested_q15;      // duty that was requested last, or with which a drive begins
+    int16_t requested_q15;                    // duty that was requested last
     int16_t ramp_duty_q15;      // last duty that drove the shaft, and its speed: a drive that
     int16_t ramp_speed_rpm_q1;  // begins with a turning shaft starts from their ratio
     uint8_t calibration;        // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none

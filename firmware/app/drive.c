@@ -57,7 +57,6 @@ static int16_t applied_duty_q15(const App *app) {
 // cycles for the division.
 static int16_t coast(App *app) {
     app->ramp_q15 = resumed_duty(app, along(app, app->measured.speed_rpm_q1));
-    app->requested_q15 = app->ramp_q15;
     foldback_reset(&app->foldback);
     app->driving = false;
     app->controlled = false;

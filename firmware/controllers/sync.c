@@ -161,8 +161,7 @@ static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) 
 static void approach(Sync *self) {
     const int16_t given_mv =
         (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
-    int16_t off_mv = (int16_t)(self->level_mv - given_mv);
-    off_mv = off_mv > OFF_MAX_MV ? OFF_MAX_MV : off_mv < -OFF_MAX_MV ? -OFF_MAX_MV : off_mv;
+    const int16_t off_mv = slew_towards(0, (int16_t)(self->level_mv - given_mv), OFF_MAX_MV);
     const int16_t more_q15 = (int16_t)(off_mv + (off_mv >> 1));
     self->goal_q15 =
         more_q15 > INT16_MAX - self->goal_q15 ? INT16_MAX : (int16_t)(self->goal_q15 + more_q15);

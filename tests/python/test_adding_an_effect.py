@@ -43,7 +43,7 @@ static double acceleration(double seal, double speed, std::uint32_t &effects) {
             theta[n] = seal;
     check_parameters(p, true);
     Drivetrain<double> m{};
-    m.effects = effects = effects_of(p);
+    m.effects = effects = effects_of(p, 0.0);
     m.input = InputKind::DUTY;
     drivetrain_set_lane(m, 0, p, 1.0, 1e-3);
     State<double, STATE_FULL_COUNT> s{};

@@ -25,7 +25,7 @@ import measured_machines  # noqa: E402
 SCRIPTS = sorted((DATA / "real").glob("*/reference_fit.py"))
 PRINTED = re.compile(r"^(.+): (-?[\d.e+-]+)(?: (.+))?$", re.MULTILINE)
 FUNCTION_LINES = 35  # of a reference fit: it is read together with its table
-PROOF_ALONE = ("emps", "robotino_m1_delay", "robotino_m1_delay_coulomb")
+PROOF_ALONE = ("emps", "robotino_m1_delay_coulomb", "servo_cogging")
 NAMES = [machine.name for machine in machines()]
 
 
