@@ -152,7 +152,8 @@ static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) 
     const int16_t base = base_mv(set, travel_q15);
     const int16_t least = (int16_t)(least_mv(set) - base), most = (int16_t)(most_mv(set) - base);
     const int16_t not_below_mv = self->trim_mv < least ? least : self->trim_mv;
-    self->trim_mv = not_below_mv < most ? not_below_mv : most;  // also where most is below least
+    self->trim_mv =
+        not_below_mv < most ? not_below_mv : most;  // the upper limit holds if they cross
     self->level_mv = (int16_t)(base + self->trim_mv);
 }
 

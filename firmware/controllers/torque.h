@@ -43,9 +43,9 @@ typedef struct {
     ControllerReason reason;
     uint8_t row;              // of the target in torque_map
     uint16_t ticks;           // in this state; in LEVEL and RAISED from reaching the level on
-    uint8_t short_decisions;  // consecutive decisions without the duty of the level
+    uint8_t short_decisions;  // consecutive decisions with less than the duty of the level
     uint8_t gathered;         // ticks in sum_a_q7, 1 to 3
-    bool entered;             // a state, in the last step
+    bool entered;             // whether the last step entered a state
     int16_t sum_a_q7;         // of currents
     int16_t duty_q15;
     int16_t level_mv;      // requested

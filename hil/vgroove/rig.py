@@ -73,14 +73,20 @@ class Rig:
         return self.drive_inertia_kg_m2 + pendulum / self.gearbox["ratio"] ** 2
 
     @property
-    def speed_time_constant_s(self) -> float:
-        """Time constant in s of the shaft's speed: inertia over viscous damping, plus that of the
-        back-EMF where a voltage drives the motor (docs/spec/model.md, section 2); inf without both.
+    def back_emf_damping_nm_s_per_rad(self) -> float:
+        """Damping k^2 / R of the shaft by the back-EMF where a voltage drives the motor
+        (docs/spec/model.md, section 2).
         """
-        motor = self.motor
-        back_emf = motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
+        return self.motor["torque_constant_nm_per_a"] ** 2 / self.motor["resistance_ohm"]
+
+    @property
+    def speed_time_constant_s(self) -> float:
+        """Time constant in s of the shaft's speed: inertia over viscous damping, plus that by the
+        back-EMF unless a current drives the motor; inf without both.
+        """
         driven_by_current = self.input["kind"] == "current_a"
-        damping = motor["viscous_nm_s_per_rad"] + (0.0 if driven_by_current else back_emf)
+        braking = 0.0 if driven_by_current else self.back_emf_damping_nm_s_per_rad
+        damping = self.motor["viscous_nm_s_per_rad"] + braking
         return self.shaft_inertia_kg_m2 / damping if damping > 0.0 else np.inf
 
     def value(self, key: str) -> float:

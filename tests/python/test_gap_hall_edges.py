@@ -509,7 +509,7 @@ def test_the_length_of_many_periods_is_their_sum(ratio: float, more: int) -> Non
 
 
 def test_the_time_of_a_row_does_not_grow_with_the_square_of_its_edges() -> None:
-    """Rows at 1 Hz of a shaft at 25,000 rpm: 1,700 edges each."""
+    """A shaft at 25,000 rpm, logged once a second: 1,700 edges in each row."""
     time_s = np.arange(100.0)
     speed = 2.5e4 * (0.8 + 0.2 * np.sin(2.0 * np.pi * time_s / 30.0))
     begin_s = time.process_time()

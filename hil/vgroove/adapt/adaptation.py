@@ -12,7 +12,7 @@ from vgroove.adapt.setpoints import (
     check_tool,
     default_value,
     needed_setpoints,
-    setpoints,
+    stored_values,
 )
 from vgroove.adapt.torque_map_file import flash_bytes, torque_map
 from vgroove.control_bench import torque_drawn
@@ -105,14 +105,7 @@ def adapt(rig: Rig, progress: Callable[[float], None] | None = None) -> Adaptati
     found, of_map = torque_map(rig, levels.level, progress=progress)
     needed = needed_setpoints(rig, motor_levels)
     warnings = (*of_map, *beyond_range(needed), *beyond_controllers(needed))
-    return Adaptation(levels, motor_levels, setpoints(rig, motor_levels), found, warnings)
-
-
-def check_work(
-    variant: Variant, *, rig: Rig, adapted: torque_drawn.Adapted, **cell: Any
-) -> Figures:
-    """One drive of the check."""
-    return torque_drawn.work(variant, base=rig, adapted=adapted, **cell)
+    return Adaptation(levels, motor_levels, stored_values(needed), found, warnings)
 
 
 def check(rig: Rig, found: Adaptation, drives: int, tick: Tick) -> list[Figures]:
@@ -122,17 +115,17 @@ def check(rig: Rig, found: Adaptation, drives: int, tick: Tick) -> list[Figures]
     cells = drawn({**DRIVE, **torque_drawn.SPANS}, drives, (CHECK_SEED,))
     compared = []
     own = torque_drawn.Adapted(found.flash_bytes, found.parameters)
-    for name, adapted in ((BUILT_IN, torque_drawn.Adapted()), (ADAPTED, own)):
+    for name, adapted in ((BUILT_IN, torque_drawn.NOT_ADAPTED), (ADAPTED, own)):
         jobs = [
             Job(
-                check_work,
+                torque_drawn.work,
                 Variant(name, torque_drawn.CONTROLLER.mode),
                 {
                     **cell,
                     "target_nm": float(int(cell["target_nm"])),
                     "tool": {},
                     "seed": CHECK_SEED + number,
-                    "rig": rig,
+                    "base": rig,
                     "adapted": adapted,
                 },
             )

@@ -52,8 +52,7 @@ def setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
     """Physical values of the parameters by their names without suffix _qN, within their ranges.
     motor_scale: the tool's levels as voltages of its own motor.
     """
-    needed = needed_setpoints(rig, motor_scale)
-    return {name: stored_value(name, value) for name, value in needed.items()}
+    return stored_values(needed_setpoints(rig, motor_scale))
 
 
 def needed_setpoints(rig: Rig, motor_scale: LevelScale) -> dict[str, float]:
@@ -85,8 +84,8 @@ def beyond_range(values: dict[str, float]) -> list[str]:
 
 
 def beyond_controllers(values: dict[str, float]) -> list[str]:
-    """A sentence for each value of needed_setpoints() that precise screwing, low vibration or the
-    blow detection clips in its own numbers, although the board holds it.
+    """A sentence for each of the values of needed_setpoints() that the board can store, but that
+    exceeds the range of the numbers with which a controller computes.
     """
     found = []
     ohm, edges = values["motor_mohm"] / 1000.0, values["hall_pulses"] * values["blow_turn"]
@@ -112,6 +111,11 @@ def default_value(name: str) -> float:
     """Default of a parameter, in its physical unit (telemetry.Parameter.unit)."""
     found = parameter(name)
     return found.default / 2**found.q
+
+
+def stored_values(needed: dict[str, float]) -> dict[str, float]:
+    """stored_value() of each needed value by its name."""
+    return {name: stored_value(name, value) for name, value in needed.items()}
 
 
 def stored_value(name: str, value: float) -> float:

@@ -36,8 +36,8 @@ CONTROLLER = Variant("torque", "torque")
 
 @dataclass(frozen=True)
 class Adapted:
-    """What a board has in place of the firmware's: torque map as in flash, physical values of
-    parameters by their names.
+    """What is written to a board for a tool: the bytes of its torque map (None: the map of the
+    firmware stays), and physical values of parameters by name (others keep their defaults).
     """
 
     torque_map: bytes | None = None

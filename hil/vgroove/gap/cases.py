@@ -149,7 +149,7 @@ def _check_entry(entry: Any, source: str) -> None:
 
 
 def _is_of_type(value: Any, kind: type | tuple[type, ...]) -> bool:
-    """Whether a value is of a type of KEYS; true and false, integers in Python, are no numbers."""
+    """Whether a value has a type that KEYS states; a bool, an int in Python, is no number here."""
     return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
 
 

@@ -148,8 +148,8 @@ def next_card(verdict: Verdict) -> Card:
 
 
 def shares_of_signals(verdict: Verdict) -> dict[str, float]:
-    """Share of each signal in the squared gap before: in the sum of the squares, each clipped, of
-    all judged samples that count.
+    """Share of each signal in the squared gap of the input rig, that is, in the sum of the clipped
+    squared residuals of all judged samples.
     """
     search, problem = verdict.evidence.search, verdict.evidence.search.simulated
     squares = np.nan_to_num(problem.squared(search.gap_residual(search.nominal)))

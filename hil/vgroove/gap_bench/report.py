@@ -269,11 +269,11 @@ def bench_page(figures: dict[str, Any]) -> str:
 
 
 def marks(name: str) -> tuple[str, str]:
-    """Begin and end of a place in a Markdown page."""
+    """The comments that begin and end the section `name` of a Markdown page."""
     return f"<!--{name}-->", f"<!--end of {name}-->"
 
 
-MARKS = (*marks("needs"), *marks("figures"))  # of the places that renewed() fills
+MARKS = (*marks("needs"), *marks("figures"))  # of the sections that renewed() fills
 
 
 def renewed(page: str, figures: dict[str, Any]) -> str:

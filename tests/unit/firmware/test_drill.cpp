@@ -245,7 +245,7 @@ TEST(Drill, TheGovernedSpeedOfAWindingOfHighResistance) {
         int16_t out = 0;
         for (int n = 0; n < 400; ++n) {
             const Blow none{};
-            drill.set_a2_q8 = INT32_MAX;  // the clutch is not reached
+            drill.set_a2_q8 = INT32_MAX;  // the clutch never releases
             out = drill_step(&drill, &set, &in, &none);
         }
         const double wanted_v = drill.limit_mv / 1000.0 + 0.75 * 39 * mohm / 1000.0;

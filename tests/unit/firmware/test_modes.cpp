@@ -24,6 +24,13 @@ ModesInputs inputs_of(unsigned bits) {
             (bits & 16) != 0, (bits & 32) != 0, (bits & 64) != 0, (bits & 128) != 0};
 }
 
+void release_and_press(Modes *self, ModesInputs *m) {
+    m->pressed = m->contact = false;
+    modes_step(self, m);
+    m->pressed = m->contact = true;
+    modes_step(self, m);
+}
+
 TEST(Modes, AFaultHasPriorityInEveryStateAndOpensTheBridge) {
     for (const ModesState state : ALL) {
         for (unsigned bits = 0; bits < 256; ++bits) {
@@ -68,10 +75,7 @@ TEST(Modes, StartsOnlyArmed) {
     m.pressed = m.contact = m.standstill = true;
     modes_step(&self, &m);
     EXPECT_EQ(self.state, MODES_IDLE) << "trigger held since the start";
-    m.pressed = m.contact = false;
-    modes_step(&self, &m);
-    m.pressed = m.contact = true;
-    modes_step(&self, &m);
+    release_and_press(&self, &m);
     EXPECT_EQ(self.state, MODES_DRIVE);
 }
 
@@ -107,10 +111,7 @@ TEST(Modes, ADriveInTheOtherDirectionNeedsAnOpenContact) {
     m.pressed = true;
     modes_step(&self, &m);
     EXPECT_EQ(self.state, MODES_IDLE) << "the contact was never open";
-    m.pressed = m.contact = false;
-    modes_step(&self, &m);
-    m.pressed = m.contact = true;
-    modes_step(&self, &m);
+    release_and_press(&self, &m);
     EXPECT_EQ(self.state, MODES_DRIVE);
 }
 
@@ -141,10 +142,7 @@ TEST(Modes, APressDuringTheRunDownInTheOtherDirectionDoesNotCount) {
         modes_step(&self, &m);
         EXPECT_EQ(self.state, MODES_IDLE) << n;
     }
-    m.contact = m.pressed = false;
-    modes_step(&self, &m);
-    m.contact = m.pressed = true;
-    modes_step(&self, &m);
+    release_and_press(&self, &m);
     EXPECT_EQ(self.state, MODES_DRIVE);
     EXPECT_TRUE(self.reverse);
 }

@@ -166,8 +166,8 @@ TEST_P(ModeTest, EveryFaultOpensTheBridgeAndHoldsItOpenUntilTheRelease) {
     }
 }
 
-// Under impacts and load, where the controllers raise the duty beyond the trigger's; shorter than
-// the firmware takes to find that current, voltage and speed contradict each other.
+// The speed and the current of impacts under load, at which controllers raise the duty above that
+// of the trigger. The run ends before the firmware reports that these inputs contradict each other.
 TEST_P(ModeTest, NoDutyExceedsItsLimit) {
     constexpr int LIMIT_Q15 = 6554, LIMIT_COMPARE = 51;  // 0.2
     ASSERT_EQ(ask(TELEMETRY_SETPOINT_ID, {0, 0, LIMIT_Q15 & 0xFF, LIMIT_Q15 >> 8}),

@@ -116,7 +116,8 @@ struct RunTest : testing::Test {
         }
     }
 
-    // A duty limit of 0 in a drive with each controller: the duty falls at the slew rate.
+    // Sets the duty limit to 0 during a drive with each controller in turn: the duty must fall at
+    // the slew rate.
     void lower_the_limit(double travel);
 
     void limit_duty(int16_t limit_q15) {

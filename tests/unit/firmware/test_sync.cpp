@@ -212,7 +212,8 @@ TEST_P(SyncMethods, TheParametersSetTheLevelAndItsLimits) {
     }
 }
 
-// The limits cross where sync_low_mv lies far above sync_high_mv: the upper one counts, always.
+// If sync_low_mv is far above sync_high_mv, the lower limit of the level exceeds the upper one: the
+// upper one then holds.
 TEST_P(SyncMethods, CrossedLimitsGiveOneLevel) {
     SyncSetpoints set = GetParam();
     set.low_mv = 20000;

@@ -85,6 +85,13 @@ double amperes(int16_t a_q8) {
     return a_q8 / 256.0;
 }
 
+// A drive to a target, at a current that is by above_a higher than that of a hard joint there.
+Tool tool_beside(int target_nm, double above_a) {
+    Tool tool(static_cast<int16_t>(target_nm));
+    tool.current_a = amperes(torque_map_settled_a_q8(row_of(target_nm))) + above_a;
+    return tool;
+}
+
 TEST(Torque, RefusesTargetsOutsideItsMap) {
     for (const int target : {-5, 0, TORQUE_MAP_FIRST_NM - 1, TORQUE_MAP_LAST_NM + 1, 32767}) {
         Tool tool(static_cast<int16_t>(target));
@@ -147,8 +154,7 @@ TEST(Torque, HoldsItsLevelForAnySupplyAndWinding) {
 }
 
 TEST(Torque, SettlesAHardJointAndReportsReached) {
-    Tool tool(100);
-    tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + 0.1;
+    Tool tool = tool_beside(100, 0.1);
     ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
     EXPECT_TRUE(tool.run(2500));
     EXPECT_FALSE(tool.run(400));
@@ -158,8 +164,7 @@ TEST(Torque, SettlesAHardJointAndReportsReached) {
 
 TEST(Torque, RaisesForASoftJointAndStopsAtItsCurrent) {
     for (const int target : {60, 80, 85, 100, 120}) {
-        Tool tool(static_cast<int16_t>(target));
-        tool.current_a = amperes(torque_map_settled_a_q8(row_of(target))) - 0.1;
+        Tool tool = tool_beside(target, -0.1);
         ASSERT_TRUE(tool.run_into(TORQUE_RAISED)) << target;
         tool.current_a = amperes(torque_map_stop_a_q8(row_of(target))) - 0.1;
         ASSERT_TRUE(tool.run(3000)) << target;
@@ -240,8 +245,7 @@ TEST(Torque, EndsAfterTheTimeLimit) {
 }
 
 TEST(Torque, ReportsMissedWhenTheSupplyFallsBelowTheLevel) {
-    Tool tool(110);
-    tool.current_a = amperes(torque_map_settled_a_q8(row_of(110))) + 0.2;
+    Tool tool = tool_beside(110, 0.2);
     ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
     tool.supply_v = 10.0;
     EXPECT_FALSE(tool.run(400));
@@ -262,8 +266,7 @@ TEST(Torque, ALevelAboveTheDutyLimitIsMissedWithTheTorqueOfTheHeldVoltage) {
 
 TEST(Torque, ADutyLimitReachedInSettlingOrOnTheRaisedLevelIsMissed) {
     for (const auto &[state, above_a] : {std::pair{TORQUE_SETTLE, 0.2}, {TORQUE_RAISED, -0.1}}) {
-        Tool tool(100);
-        tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + above_a;
+        Tool tool = tool_beside(100, above_a);
         ASSERT_TRUE(tool.run_into(state));
         tool.duty_limit = 0.4;
         const int ms = stay(tool);
@@ -287,8 +290,7 @@ TEST(Torque, ADutyLimitBelowTheRunLevelIsUnreachable) {
 
 // The board drives in steps of 1/255, and the fold-back acts for some ticks.
 TEST(Torque, AReductionOfAStepOrForAShortTimeIsNoMiss) {
-    Tool tool(100);
-    tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + 0.1;
+    Tool tool = tool_beside(100, 0.1);
     ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
     const double duty = tool.duty;
     tool.duty_limit = duty - 1.0 / 255.0;
@@ -327,8 +329,7 @@ TEST(Torque, EvaluatesAndSettlesForTheirTimes) {
         int target, evaluate_ms, settle_ms;
     };
     for (const Wanted &wanted : {Wanted{60, 600, 4400}, {100, 1200, 2800}}) {
-        Tool tool(static_cast<int16_t>(wanted.target));
-        tool.current_a = amperes(torque_map_settled_a_q8(row_of(wanted.target))) + 0.5;
+        Tool tool = tool_beside(wanted.target, 0.5);
         ASSERT_TRUE(tool.run_into(TORQUE_LEVEL));
         const int way_ms = (torque_map_level_mv(row_of(wanted.target)) - tool.torque.level_mv) / 8;
         EXPECT_NEAR(stay(tool), way_ms + wanted.evaluate_ms, 8) << wanted.target;
@@ -340,8 +341,7 @@ TEST(Torque, EvaluatesAndSettlesForTheirTimes) {
 TEST(Torque, ADeviationOfASixteenthIsMissed) {
     for (const auto &[beside_nm, reason] :
          {std::pair{5, CONTROLLER_REASON_REACHED}, {9, CONTROLLER_REASON_MISSED}}) {
-        Tool tool(110);
-        tool.current_a = amperes(torque_map_settled_a_q8(row_of(110))) - 0.1;
+        Tool tool = tool_beside(110, -0.1);
         ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
         tool.current_a =
             amperes(static_cast<int16_t>(torque_map_stop_a_q8(row_of(110)) + 12 * beside_nm));
@@ -352,8 +352,7 @@ TEST(Torque, ADeviationOfASixteenthIsMissed) {
 }
 
 TEST(Torque, ATargetNearlyReachedForTooLongTimesOut) {
-    Tool tool(60);
-    tool.current_a = amperes(torque_map_settled_a_q8(row_of(60))) - 0.1;
+    Tool tool = tool_beside(60, -0.1);
     ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
     tool.current_a = amperes(torque_map_stop_a_q8(row_of(60))) - 0.1;
     EXPECT_NEAR(stay(tool),

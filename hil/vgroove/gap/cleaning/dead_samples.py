@@ -162,7 +162,6 @@ def dropped_samples(column: _Column) -> np.ndarray:
     wrong = (np.abs(around) > least).all(axis=0) & (one_sign | long_run)
     if is_current:
         wrong &= bridge_drives(column)[zero] | (run <= beside)
-    if is_current:
         wrong &= ~without_drive(column)[zero]
     elif not slowest_rpm:
         apart_s = column.time_s[live[at]] - column.time_s[live[at - 1]]

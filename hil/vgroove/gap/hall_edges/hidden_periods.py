@@ -1,6 +1,7 @@
 """Times of the Hall edges that no log row reports, because several edges fall between two rows."""
 
 from functools import lru_cache
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ ONE_EDGE_ROWS = 1.5
 # periods of a span up to which the shares are kept, 64 KiB each at most, and spans that are summed
 # at once
 MOST_KEPT = 64
+FEW_PERIODS = 7  # up to which plain numbers are faster than an array
 # least number of periods, in shares of the smaller rate in the change of rate, from which
 # long_span_s() is used: its error is below 1e-6 of the longest period (the next term of its series)
 LEAST_EVEN = 8.0
@@ -45,11 +47,10 @@ def accelerated_edge_times(previous_s: float, period_s: float, most: int) -> np.
     assumes that n periods lead from a period of previous_s to one of period_s at uniform
     acceleration: the square of the speed then grows linearly with the angle.
     """
-    few = most if most <= MOST_KEPT else min(most, most_summed(previous_s, period_s))
+    few = min(most, most_summed(previous_s, period_s))
     first, change = 1.0 / previous_s**2, 1.0 / period_s**2 - 1.0 / previous_s**2
-    parts = []
+    shares, parts = _kept_shares if few <= MOST_KEPT else _shares_of_spans, []
     for begin in range(0, few, MOST_KEPT):
-        shares = _kept_shares if few <= MOST_KEPT else _shares_of_spans
         share, passed = shares(begin, min(begin + MOST_KEPT, few))
         parts.append((passed / np.sqrt(first + change * share)).sum(axis=1))
     summed = np.concatenate(parts)
@@ -64,6 +65,19 @@ def most_summed(previous_s: float, period_s: float) -> int:
     """
     ratio = max(previous_s, period_s) / min(previous_s, period_s)
     return int(max(MOST_KEPT, LEAST_EVEN * (ratio * ratio - 1.0)))
+
+
+def span_s(previous_s: float, period_s: float, count: int) -> float:
+    """Length, s, of `count` periods that lead from previous_s to period_s at uniform acceleration:
+    the last of accelerated_edge_times().
+    """
+    first, last = 1.0 / (previous_s * previous_s), 1.0 / (period_s * period_s)
+    if count <= FEW_PERIODS:
+        return sum(1.0 / sqrt(first + (last - first) * n / count) for n in range(1, count + 1))
+    if count > most_summed(previous_s, period_s):
+        return long_span_s(previous_s, period_s, count)
+    rate = first + (last - first) * np.arange(1, count + 1) / count
+    return float((1.0 / np.sqrt(rate)).sum())
 
 
 def long_span_s(previous_s: float, period_s: float, count: Any) -> Any:

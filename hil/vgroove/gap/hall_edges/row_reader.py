@@ -8,7 +8,7 @@ empty begins a new chain.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf, isnan, sqrt
+from math import inf, isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -17,15 +17,11 @@ from vgroove.gap.hall_edges.chain import ChainEdge, EdgeChain, TimeoutSample
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.hall_edges.hidden_periods import (
     BEND_SHARE,
-    MOST_KEPT,
     ONE_EDGE_ROWS,
     TICK_S,
     counted_edge_times,
-    long_span_s,
-    most_summed,
+    span_s,
 )
-
-FEW_EDGES = 7  # number of edges up to which plain numbers are faster than an array
 
 
 @dataclass(frozen=True)
@@ -270,16 +266,7 @@ class RowReader:
         """
         if self.counts:
             return self._counted_step(previous_s, r, count)
-        first, last = 1.0 / (previous_s * previous_s), 1.0 / (r.period_s * r.period_s)
-        if count <= FEW_EDGES:
-            length = sum(
-                1.0 / sqrt(first + (last - first) * n / count) for n in range(1, count + 1)
-            )
-        elif count > MOST_KEPT and count > most_summed(previous_s, r.period_s):
-            length = long_span_s(previous_s, r.period_s, count)
-        else:
-            rate = first + (last - first) * np.arange(1, count + 1) / count
-            length = float((1.0 / np.sqrt(rate)).sum())
+        length = span_s(previous_s, r.period_s, count)
         # the error has one sign while the acceleration changes: it accumulates in full
         bend = BEND_SHARE * abs(r.period_s - previous_s) * (count - 1)
         worst = r.rounding_s * count
@@ -335,8 +322,8 @@ class RowReader:
         return True
 
     def _widest_fit(self, r: RowReading, floor: float, ceiling: float) -> _EdgeFit | None:
-        """The number of edges that leaves the widest interval between floor and ceiling; None where
-        the last edge would lie after the row's end.
+        """The number of edges that leaves the widest interval between floor and ceiling; None if
+        with every number the last edge would lie after the end of the row.
         """
         previous, best, widest = self.chain.period_s[-1], None, -inf
         earliest = self._earliest(r, abs(r.period_s - previous)) - r.rounding_s

@@ -226,9 +226,8 @@ def slope_of(pair: Pair, log: Log, rig: Rig) -> Slope | None:
 
 def settle_time_s(rig: Rig) -> float:
     """Time in s after which the nominal motor is steady: its run-up time constant J R / k^2."""
-    motor = rig.motor
-    damping = motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
-    constant_s = rig.shaft_inertia_kg_m2 / (damping + motor["viscous_nm_s_per_rad"])
+    damping = rig.back_emf_damping_nm_s_per_rad + rig.motor["viscous_nm_s_per_rad"]
+    constant_s = rig.shaft_inertia_kg_m2 / damping
     return max(RULES.settle_s, RULES.settle_time_constants * constant_s)
 
 

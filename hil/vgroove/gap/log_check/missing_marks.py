@@ -34,6 +34,7 @@ class MarkRules:
 
 
 MARK = MarkRules()
+MEND = "if it marks missing samples, write them as empty cells or NaN"
 
 
 def marked_findings(log: Log, rig: Rig | None) -> list[Finding]:
@@ -64,7 +65,7 @@ def _logger_marks(name: str, values: np.ndarray, rig: Rig | None) -> list[Findin
             text = (
                 f"column {name}: reads exactly {mark:.6g} in {rows} rows, {least:.4g} or more away "
                 "from the values beside them, and loggers write this number for a sample that they "
-                "lack: if it marks missing samples, write them as empty cells or NaN"
+                f"lack: {MEND}"
             )
             found.append(Finding(text, refuses=certain, warns=not certain))
     return found
@@ -108,8 +109,7 @@ def _far_values(name: str, values: np.ndarray, rig: Rig | None) -> list[Finding]
         return []
     text = (
         f"column {name}: reads exactly {values[marked][0]:.6g} in {np.count_nonzero(marked)} "
-        f"rows and {others:.4g} at most in the others: if it marks missing samples, write them "
-        "as empty cells or NaN"
+        f"rows and {others:.4g} at most in the others: {MEND}"
     )
     certain = top in MARK.sizes or top > MARK.over_rig * _largest_of_rig(name, rig)
     return [Finding(text, refuses=certain, warns=not certain)]

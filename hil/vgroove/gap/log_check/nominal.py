@@ -131,8 +131,8 @@ def nominal_pairs(log: Log, rig: Rig, time_factor: float = 1.0) -> list[Pair]:
 
 
 def _pair(name: str, log: Log, nominal: np.ndarray) -> Pair:
-    """A column and its nominal signal: both positions from the first measured row on, magnitudes of
-    an unsigned current.
+    """A column and its nominal signal: of a position, the angles turned since its first measured
+    row; of an unsigned current, the magnitudes.
     """
     measured = np.asarray(log.columns[name], float)
     if name == "position_rad":

@@ -41,7 +41,7 @@ def best_time_factor(log: Log, rig: Rig) -> float:
     much better.
     """
     interval = float(np.median(np.diff(np.asarray(log.time_s, float))))
-    own, slow_s = time_errors(log, rig, 1.0), RULES.slow_rows * run_up_s(rig)
+    own, slow_s = time_errors(log, rig, 1.0), RULES.slow_rows * rig.speed_time_constant_s
     limit = RULES.better_if_slow if interval > slow_s else RULES.better
     best, least = 1.0, min(limit * own, RULES.max_error)
     for size in TIME_UNITS if own >= RULES.least_error else ():
@@ -53,15 +53,6 @@ def best_time_factor(log: Log, rig: Rig) -> float:
         if (error := time_errors(log, rig, 1.0 / size)) < least:
             best, least = 1.0 / size, error
     return best
-
-
-def run_up_s(rig: Rig) -> float:
-    """Run-up time constant J R / k^2 in s; J / b with a current as input."""
-    motor = rig.motor
-    damping = motor["viscous_nm_s_per_rad"]
-    if rig.input["kind"] != "current_a":
-        damping += motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
-    return rig.shaft_inertia_kg_m2 / damping if damping > 0.0 else np.inf
 
 
 def time_errors(log: Log, rig: Rig, factor: float) -> float:

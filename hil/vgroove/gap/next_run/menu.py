@@ -186,8 +186,8 @@ def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
 
 
 def _points(given: Any, source: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times in s and levels (n,) of the points of a run; VgrooveError unless they are a list of
-    pairs of finite numbers.
+    """Times in s and levels of the command (n,) from a run's points; VgrooveError unless these are
+    a list of pairs of finite numbers.
     """
     try:
         points = np.asarray(given)

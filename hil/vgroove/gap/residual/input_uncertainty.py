@@ -93,9 +93,8 @@ def input_sigma(
 
 def _speed_decay(rig: Rig, closed: np.ndarray | bool) -> np.ndarray | float:
     """Rate (rows,) in 1/s at which an error of the speed decays."""
-    motor = rig.motor
-    braking = motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"] * closed
-    return (motor["viscous_nm_s_per_rad"] + braking) / rig.shaft_inertia_kg_m2
+    braking = rig.back_emf_damping_nm_s_per_rad * closed
+    return (rig.motor["viscous_nm_s_per_rad"] + braking) / rig.shaft_inertia_kg_m2
 
 
 def _command_errors(
