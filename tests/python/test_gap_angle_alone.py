@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from made_log import MadeLog, held_run
 from vgroove.gap import diagnose
 from vgroove.gap.residual.coarse_angle import AngleSamples, angle_samples
-from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.loading import load_problem, with_clip
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.residual.shared_errors import SharedErrors
@@ -168,6 +168,35 @@ def test_an_error_of_the_restart_speed_is_no_gap_in_the_current_beside_the_angle
     rig = replace(servo(), sensors=servo().sensors | {"current_noise_a": 0.02})
     problem = load_problem([MadeLog(log.time_s, log.columns | {"current_a": noisy})], rig)
     assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.3
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"winding_resistance": {"relative": 1.0}},
+        {"viscous_friction": {"nm_s_per_rad": 0.05}},
+        {"torque_constant": {"relative": 0.2}},
+        {"transport_delay": {"delay_s": 0.003}},
+    ],
+)
+@pytest.mark.parametrize("heavier", [1.0, 1.3])
+def test_a_rig_that_states_an_effect_has_the_gap_of_the_fit_to_it(
+    heavier: float, effects: dict[str, dict[str, float]]
+) -> None:
+    """`vgroove sim` with the corrected rig prints what `gap diagnose` printed, also where the tool
+    differs in its inertia besides.
+    """
+    inertia = heavier * TIME_CONSTANT_S * NM_PER_A**2 / OHM
+    log = servo_log(servo(effects, inertia_kg_m2=inertia))
+    fitted, stated = load_problem([log], servo()), load_problem([log], servo(effects))
+    theta = fitted.theta0.copy()
+    for effect, values in effects.items():
+        for name, value in values.items():
+            theta[fitted.index(f"effects.{effect}.{name}")] = value
+    clip = {s.column: c for s, c in zip(fitted.signals, fitted.clip, strict=True)}
+    stated = with_clip(stated, clip)
+    gap = fitted.gap(fitted.residuals(theta)[0])
+    assert stated.gap(stated.residuals(stated.theta0)[0]) == pytest.approx(gap, rel=1e-6)
 
 
 def test_one_fast_log_of_several_decides_for_none() -> None:

@@ -16,7 +16,7 @@ from vgroove import _core
 from vgroove.gap import DiagnosisOptions, diagnose
 from vgroove.gap.catalogue import BY_ID, CATALOGUE
 from vgroove.gap.fitting.engine import Engine
-from vgroove.gap.fitting.hypothesis import Coordinate
+from vgroove.gap.fitting.hypothesis import Coordinate, Hypothesis
 from vgroove.gap.selection import search_state
 from vgroove.gap.selection.search_state import ClosedShare, Search
 from vgroove.gap.verdict import consistency, established
@@ -211,6 +211,26 @@ def test_a_true_effect_has_a_size_of_one_in_every_part(friction: search_state.Se
     )
 
 
+@pytest.mark.parametrize("coulomb_nm", [0.0135, 0.0145, 0.0155, 0.017])
+def test_a_true_effect_keeps_its_size_beside_a_tolerated_value_at_its_limit(
+    coulomb_nm: float,
+) -> None:
+    """The tool's Coulomb friction lies 4 to 14 of its tolerance's sigmas above the rig's 0.012, so
+    that the fit ends at three. In all rows together the viscous friction has the size 1.
+    """
+    effect = BY_ID["viscous_friction"]
+    toy = Toy({"effects.viscous_friction.nm_s_per_rad": 2e-6, "motor.coulomb_nm": coulomb_nm})
+    engine = Engine(toy, SCALES, {"motor.coulomb_nm": 0.03})
+    search = search_state.begin(engine, [effect], DiagnosisOptions())
+    (best,) = search.fit_and_keep(engine.hypotheses([effect]))
+    assert best.x[1] == best.hypothesis.high[1]
+    slope = consistency.size_response(search, best, effect.id)
+    whole = consistency.part_sizes(search, best, slope, np.zeros(toy.n, int))
+    assert whole.value == pytest.approx([1.0], abs=0.01)
+    by_time = consistency.part_sizes(search, best, slope, next(consistency.partitions(search)))
+    assert by_time.is_constant()
+
+
 def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_state.Search) -> None:
     """A friction in one direction alone, fitted as Coulomb friction."""
     best = one_sided.fits[("coulomb_friction",)]
@@ -341,7 +361,7 @@ def sized(
     name = BY_ID["coulomb_friction"].name(BY_ID["coulomb_friction"].leading)
     friction = Coordinate(name, (0,), (1.0,), 0.0, -1.0, 1.0)
     best = SimpleNamespace(
-        hypothesis=SimpleNamespace(coordinates=(friction,), prior=np.zeros(1)),
+        hypothesis=Hypothesis(("coulomb_friction",), (friction,), np.ones(1)),
         x=np.ones(1),
         jacobian=slope[:, None],
         residual=noise + (1.0 - size) * slope,

@@ -2,11 +2,18 @@
 what a remainder depends on.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gap_toy import Toy
+from made_log import drive_log, rig
 from test_gap_verdict import decided
+from vgroove.gap import DiagnosisOptions, stages
+from vgroove.gap.catalogue import BY_ID, CATALOGUE
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.regimes import regimes_of
 from vgroove.gap.verdict import location, remainder
 
 
@@ -36,6 +43,32 @@ def test_effects_in_two_subsystems_share_the_gap() -> None:
     shares = location.shapley_shares(state, finding.best)
     assert shares["motor_mechanical"] > 0.2 and shares["sensor_current"] > 0.2
     assert sum(shares.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("gain", "least"), [(0.03, 0.3), (0.06, 0.7)])
+def test_a_cogging_torque_takes_no_share_of_the_current_sensor(gain: float, least: float) -> None:
+    """The derivative by the number of periods grows with the angle: multiplied by that number it is
+    a thousand times what the cogging torque changes.
+    """
+    ids = ("cogging_torque", "current_gain")
+    cogging = {"torque_nm": 0.004, "periods_per_rev": 3.0, "phase_rad": 0.5}
+    log = drive_log(rig(effects={ids[0]: cogging, ids[1]: {"relative": gain}}))
+    others = [e.id for e in CATALOGUE if e.id not in ids]
+    search = stages.begin_search(
+        load_problem([log], rig(), threads=1), DiagnosisOptions(without=others)
+    )
+    (start, *_) = search.engine.hypotheses([BY_ID[i] for i in ids])
+    x = np.array([3.0 / c.factors[0] if "periods" in c.name else 1.0 for c in start.coordinates])
+    (best,) = search.fit_and_keep([replace(start, start=x)])
+    without = location.residual_without_effects(search, best)
+    assert np.std(without) == pytest.approx(np.std(search.nominal.residual), rel=0.02)
+    assert location.shapley_shares(search, best)["sensor_current"] > least
+
+
+def test_a_log_that_moves_at_both_ends_is_steady_there() -> None:
+    time_s = 0.01 * np.arange(100)
+    regime, names = regimes_of(time_s, np.full(100, 50.0), np.ones(100))
+    assert {names[k] for k in regime} == {"steady, 40-60 rad/s"}
 
 
 def test_shapley_of_a_known_game() -> None:

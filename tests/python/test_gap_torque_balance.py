@@ -22,6 +22,7 @@ from vgroove.gap.residual.torque_balance import (
     NET_TORQUE,
     BalanceProblem,
     balance_problem,
+    measured_motion,
 )
 from vgroove.gap.selection import comparison, search_state
 from vgroove.gap.selection.comparison import BALANCE as TORQUE_BALANCE
@@ -212,6 +213,45 @@ def test_rows_that_are_instants_have_the_same_balance(kind: str) -> None:
         np.testing.assert_allclose(
             instants.residuals(theta)[0], plain.residuals(theta)[0], atol=1e-3, rtol=1e-3
         )
+
+
+def noisy_encoder_log(noise_rad: float) -> tuple[MadeLog, np.ndarray]:
+    """A log with a speed and an angle of this noise, and the true speed (rows,) in rad/s."""
+    tool, command = tool_of("voltage_v"), gentle("voltage_v")
+    log = simulated_log(tool, command)
+    drive = _core.LogInput(TIME_S, "voltage_v", command, load_kind="none")
+    true = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    noise = noise_rad * np.random.default_rng(0).standard_normal(ROWS)
+    angle = true["angle_rad"][0] + noise
+    return MadeLog(TIME_S, {**log.columns, "position_rad": angle}), true["speed_rad_s"][0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("speed_gain.relative", 0.05), ("speed_lag.time_constant_s", 0.01)]
+)
+def test_errors_of_the_speed_sensor_do_not_change_the_motion_of_an_encoder(
+    name: str, value: float
+) -> None:
+    log, _ = noisy_encoder_log(2e-4)
+    problem = balance_of(log, tool_of("voltage_v"))
+    theta = problem.theta0.copy()
+    theta[problem.index(f"effects.{name}")] = value
+    plain, with_error = problem.residuals(np.stack([problem.theta0, theta]))
+    np.testing.assert_allclose(plain, with_error, atol=1e-5)  # lanes round differently
+    effects = effects_in_balance(problem, list(CATALOGUE))
+    assert not {"speed_gain", "speed_lag"} & {e.id for e in effects}
+
+
+def test_the_standard_deviations_of_an_encoders_speeds_are_those_of_their_errors() -> None:
+    log, true = noisy_encoder_log(2e-3)
+    run = load_problem([log], tool_of("voltage_v")).runs[0]
+    motion = measured_motion(run, tool_of("voltage_v"))
+    mean = 0.5 * (true[1:] + true[:-1])
+    for error, sigma in (
+        (motion.speed[1:-1] - true[1:-1], motion.sigma),
+        (motion.mean_speed[1:] - mean, motion.mean_sigma),
+    ):
+        assert np.std(error) == pytest.approx(sigma, rel=0.08)
 
 
 @pytest.mark.parametrize("kind", ["current_a", "voltage_v"])

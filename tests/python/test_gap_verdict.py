@@ -13,6 +13,7 @@ from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.selection import forward, intervals, limits, search, search_state
+from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.model_comparison import (
     Blocks,
     difference_interval,
@@ -100,13 +101,55 @@ def test_one_effect_is_named(name: str, size: float) -> None:
     assert found[0].reported_gap(found[1].best) < 1.02
 
 
-def test_the_effect_without_which_a_set_leaves_most_is_named_first() -> None:
+def test_the_effect_without_which_a_set_leaves_most_is_named_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     state = Scored(11.0, 11.0, 1.0)
     best = SimpleNamespace(ids=("a", "b", "c"))
-    state.fits = {("b", "c"): 2.0, ("a", "c"): 4.0, ("a", "b"): 2.0}
+    left = {"a": 2.0, "b": 4.0, "c": 2.0}
+    monkeypatch.setattr(effect_findings, "fit_without", lambda _, __, member: left[member])
     state.score = float
     finding = SimpleNamespace(best=best, names_effects=True)
     assert effect_findings.selected(state, finding) == ["b", "a", "c"]
+
+
+@pytest.mark.parametrize("count", [3, 4, 6, 16])
+def test_the_interval_of_the_closed_share_holds_for_few_blocks(count: int) -> None:
+    """Squared gaps of 25 before and 4 after, which scatter by half from block to block."""
+    rows, rng, hits = 20, np.random.default_rng(1), 0
+    n = count * rows
+    problem = SimpleNamespace(
+        log=np.zeros(n, int),
+        signal=np.zeros(n, int),
+        time_s=(np.arange(n) + 0.5) / rows,
+        censored=np.zeros(n, bool),
+        judged=np.ones(n, bool),
+        squared=lambda residual: residual,
+    )
+    state = SimpleNamespace(simulated=problem, floor=1.0, seed=0, gap_residual=lambda f: f)
+    state.blocks = SimpleNamespace(length_s=1.0)
+    state.reported_gap = lambda squares: float(np.sqrt(squares.mean()))
+    for _ in range(200):
+        before, after = (
+            np.repeat(power * rng.lognormal(-0.125, 0.5, count), rows) for power in (25.0, 4.0)
+        )
+        state.nominal = before
+        low, high = gap_figures.closed_interval(state, after)
+        hits += low <= (5.0 - 2.0) / (5.0 - 1.0) <= high
+    assert hits > 180
+
+
+def test_what_is_lost_without_a_member_is_that_of_the_fitted_rest() -> None:
+    """Of three effects the current gain is worth a fiftieth, though no pair was fitted before."""
+    ids = ("coulomb_friction", "current_gain", "winding_resistance")
+    hidden = {"coulomb_friction.torque_nm": 0.006, "current_gain.relative": 0.02}
+    hidden |= {"winding_resistance.relative": 0.04}
+    toy = Toy({f"effects.{name}": value for name, value in hidden.items()})
+    state = search_state.begin(Engine(toy, SCALES, {}), [BY_ID[i] for i in ids], DiagnosisOptions())
+    state.fit_and_keep([state.engine.hypotheses([BY_ID[i]])[0] for i in ids])
+    best = fit_set(state, ids, state.retuned)
+    lost = {i: effect_findings.lost_without(state, best, i) for i in ids}
+    assert lost["coulomb_friction"] > 0.8 and 0.0 < lost["current_gain"] < 0.1
 
 
 def test_a_pair_is_named_strongest_first() -> None:
@@ -417,7 +460,7 @@ class Scored:
     unwhitened = None
     closes_reported_gap = search_state.Search.closes_reported_gap
     is_substantial = search_state.Search.is_substantial
-    sample_shares = np.ones(1)
+    sample_shares = reported_floor_by_column = np.ones(1)
 
     def reported_loss_by_column(self, one: float) -> np.ndarray:
         return np.array([self.reported_score(one)])
@@ -1209,7 +1252,7 @@ def test_a_set_that_another_comparison_shows_leaves_no_larger_reported_gap() -> 
 
 def test_one_signal_alone_shows_that_a_set_closes_the_reported_gap() -> None:
     state = Scored(101.0, 101.0, 99.0)
-    state.sample_shares = np.array([0.5, 0.5])
+    state.sample_shares = state.reported_floor_by_column = np.array([0.5, 0.5])
     one, parts = named_gap(99.0, 1), {True: [98.5, 0.5], False: [98.5, 2.5]}
     state.reported_loss_by_column = lambda fit: np.array(parts[fit is one])
     assert state.closes_reported_gap(one)

@@ -126,8 +126,9 @@ def wandering(hidden: dict[str, float], size: float, ids: tuple[str, ...], seed:
 
 @pytest.fixture(scope="module")
 def far_search() -> Search:
-    """A search that ends far from the noise."""
-    return wandering(COULOMB, 20.0, ("coulomb_friction", "current_gain"))
+    """A search that ends far from the noise, with two effects of which the first closes more."""
+    both = COULOMB | {"effects.current_gain.relative": 0.05}
+    return wandering(both, 20.0, ("coulomb_friction", "current_gain"))
 
 
 def test_near_the_noise_and_for_statistics_nothing_is_whitened() -> None:

@@ -285,6 +285,19 @@ class Engine:
         rows = self.residuals_of_jobs([(one.hypothesis, x[None, :]) for x in points])
         return [self.cost(one, x, row) for x, (row,) in zip(points, rows, strict=True)]
 
+    def costs_alike(self, fits: Sequence[Fit]) -> list[float]:
+        """Costs of several fits under one Huber threshold, the smallest of theirs: those of
+        different thresholds cannot be compared.
+        """
+        delta = min((one.delta for one in fits), default=np.inf)
+        alike = (replace(one, delta=delta) for one in fits)
+        return [self.cost(one, one.x, one.residual) for one in alike]
+
+    def closest(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Fits in the order of their costs_alike(), equal ones in that of their ids."""
+        costs = {id(one): cost for one, cost in zip(fits, self.costs_alike(fits), strict=True)}
+        return sorted(fits, key=lambda one: (costs[id(one)], one.ids))
+
     def is_gain(self, one: Fit, cost: float) -> bool:
         """Whether a cost lies below a fit's by more than what a converged fit may still gain."""
         return one.cost - cost > self.converged_gain(one)
@@ -375,12 +388,15 @@ class Engine:
         """Steps (folds, p) from a converged fit: 0 for a fold that leaves nothing out."""
         return np.where(self.groups.leaves_out[:, None], self.steps(one)[1], 0.0)
 
-    def steps_without(self, one: Fit) -> np.ndarray:
-        """Steps (k, p) of the folds that leave something out: those that were simulated, where the
-        out-of-fold residuals are, else to first order.
+    def taken_steps(self, one: Fit) -> np.ndarray:
+        """Steps (folds, p) from a converged fit: those that were simulated, where the out-of-fold
+        residuals are, else fold_steps().
         """
-        steps = one.fold_steps if one.exact and len(one.fold_steps) else self.steps(one)[1]
-        return steps[self.groups.leaves_out]
+        return one.fold_steps if one.exact and len(one.fold_steps) else self.fold_steps(one)
+
+    def steps_without(self, one: Fit) -> np.ndarray:
+        """The taken_steps() (k, p) of the folds that leave something out."""
+        return self.taken_steps(one)[self.groups.leaves_out]
 
     def predict_first_order(
         self, one: Fit, by_fold: np.ndarray, untested: np.ndarray

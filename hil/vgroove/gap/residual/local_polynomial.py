@@ -325,7 +325,10 @@ class _Solution:
 def _robust_solution(
     basis: np.ndarray, value: np.ndarray, sigma: np.ndarray, force: np.ndarray
 ) -> _Solution:
-    """Iteratively reweighted least squares of n problems with values (n, m) in bases (n, m, p)."""
+    """Iteratively reweighted least squares of n problems with values (n, m) in bases (n, m, p). The
+    equation of a value is multiplied by Huber's weight, so that the influence of values beyond the
+    limit falls with their distance.
+    """
     weight, both = np.ones_like(value), np.stack([value - force, force], axis=-1)
     for _ in range(LOCAL_FIT.rounds):
         rows = (weight / sigma)[..., None]

@@ -4,11 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgroove.gap.residual.moving_mean import moving_mean
+
 
 @dataclass(frozen=True)
 class RegimeLimits:
-    """Limits of the regimes, as shares of the top speed; chosen for reports, no decision depends on
-    them.
+    """Limits of the regimes, as shares of the top speed; chosen for reports. An established effect
+    has the same size in all regimes that show it (verdict/consistency.py).
     """
 
     smoothing_s: float = 0.02  # moving mean of the speed, at least min_rows long
@@ -35,7 +37,7 @@ def regimes_of(
     if top == 0.0:
         return np.zeros(len(time_s), dtype=int), ["whole log"]
     width = max(REGIMES.min_rows, int(round(REGIMES.smoothing_s / np.median(np.diff(time_s)))))
-    rate = np.gradient(np.convolve(speed, np.ones(width) / width, mode="same"), time_s)
+    rate = np.gradient(moving_mean(speed, width | 1), time_s)
     band = _round_up(top / REGIMES.bands)
     names = [f"steady, {k * band:g}-{(k + 1) * band:g} rad/s" for k in range(int(top // band) + 1)]
     regime = STEADY + (size // band).astype(int)

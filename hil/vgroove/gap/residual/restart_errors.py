@@ -21,12 +21,11 @@ def widen_by_start_speeds(
 ) -> tuple[Channel, ...]:
     """The channels of a log, with a larger standard deviation of each speed that is measured in
     rows. The model restarts from a measured speed, whose error changes all simulated speeds up to
-    the next restart; this change is added as the root of the sum of squares. It is computed without
-    the effects of the rig, so that a rig corrected by an effect has the same standard deviations.
+    the next restart; this change is added as the root of the sum of squares.
     """
     if not any(map(_is_row_speed, channels)):
         return channels
-    error = _response_to_speed(drive, replace(rig, effects={}), restarts)[SPEED]
+    error = _response_to_speed(drive, rig, restarts)[SPEED]
     return tuple(
         replace(channel, sigma=np.hypot(channel.sigma, channel.factor * error[channel.row]))
         if _is_row_speed(channel)
@@ -67,9 +66,10 @@ def _with_errors(channel: Channel, response: Simulation, restarts: Restarts) -> 
 def _response_to_speed(drive: _core.LogInput, rig: Rig, restarts: Restarts) -> Simulation:
     """Change of the simulated angle (rad), speed (rad/s) and current (A) in each row (rows,) if the
     simulation starts at every restart with a speed that is higher by its standard deviation; 0 in
-    rows that the simulation does not reach.
+    rows that the simulation does not reach. It is computed without the effects of the rig, so that
+    a rig corrected by an effect has the same standard deviations.
     """
-    theta = np.repeat(rig.parameters()[None], 2, axis=0)
+    theta = np.repeat(replace(rig, effects={}).parameters()[None], 2, axis=0)
     states = restarts.states(SensorErrors.of(theta, list(_core.PARAMETERS).index))
     states[1, :, 1] += restarts.speed_sigma
     found = _core.simulate_log(drive, theta, restarts.rows, states, threads=1, unfinished="nan")

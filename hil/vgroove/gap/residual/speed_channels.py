@@ -13,6 +13,7 @@ from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import estimate_missed_edges
 from vgroove.gap.residual.channels import ChannelInfo, Samples, SpanChannel, Spans, span_channel
 from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.moving_mean import moving_mean
 from vgroove.units import RPM_PER_RAD_S
 
 DEFAULT_TIMEOUT_S = 0.25  # of a Hall sensor whose rig names none: docs/spec/gap.md, section 2
@@ -132,11 +133,4 @@ def filtered_speed_channel(log: CleanLog) -> SpanChannel:
         Samples(keep, measured[keep], sigma[keep]),
         Spans(time_s, start[keep], end[keep]),
         RPM_PER_RAD_S,
-    )
-
-
-def moving_mean(values: np.ndarray, width: int) -> np.ndarray:
-    """Moving mean over an odd number of rows."""
-    return np.convolve(
-        np.pad(values, width // 2, mode="edge"), np.full(width, 1.0 / width), mode="valid"
     )

@@ -110,15 +110,26 @@ class TorqueChannel(Channel):
 @dataclass(frozen=True)
 class HeldMotion:
     """The measured motion of a log: mean speed (rows,) in rad/s over the interval that each row
-    closes, angle (rows,) in rad and speed (rows,) at the rows, standard deviation of the latter in
-    rad/s, and whether the interval of each row (rows,) is known.
+    closes, angle (rows,) in rad and speed (rows,) at the rows, standard deviations of the latter
+    and of the mean speed in rad/s, whether the interval of each row (rows,) is known, and whether
+    an encoder measured it.
     """
 
     mean_speed: np.ndarray
     angle: np.ndarray
     speed: np.ndarray
     sigma: float
+    mean_sigma: float
     known: np.ndarray
+    from_angle: bool
+
+    def speed_errors(self, errors: SensorErrors) -> tuple[np.ndarray, np.ndarray]:
+        """Gain (B,) and lag (B,) in s of the measured speed for the sensor errors of B parameter
+        sets. That of an encoder has the logger's clock as its gain, and no lag.
+        """
+        if self.from_angle:
+            return 1.0 / errors.clock, np.zeros_like(errors.clock)
+        return errors.gain[:, 1], errors.lag_s[:, 1]
 
 
 def measured_motion(run: MeasuredRun, rig: Rig) -> HeldMotion | None:
@@ -132,9 +143,10 @@ def measured_motion(run: MeasuredRun, rig: Rig) -> HeldMotion | None:
         angle = np.asarray(columns["position_rad"], float)
         mean = np.diff(angle, prepend=np.nan) / np.concatenate([[np.nan], step])
         known = np.isfinite(mean) & np.isfinite(command)
-        sigma = run.noise["position_rad"].sigma / float(np.median(step))
+        change = np.sqrt(2.0) * run.noise["position_rad"].sigma / float(np.median(step))
         filled = interpolate_missing(time_s, angle)
-        return HeldMotion(np.nan_to_num(mean), filled, np.gradient(filled, time_s), sigma, known)
+        speed = np.gradient(filled, time_s)  # central differences, over two intervals
+        return HeldMotion(np.nan_to_num(mean), filled, speed, 0.5 * change, change, known, True)
     if not has_values(columns, "speed_rpm") or run.pitch_rad > 0.0:
         return None
     speed = np.asarray(columns["speed_rpm"], float) * RAD_S_PER_RPM
@@ -143,7 +155,8 @@ def measured_motion(run: MeasuredRun, rig: Rig) -> HeldMotion | None:
     sigma = run.noise["speed_rpm"].sigma * RAD_S_PER_RPM
     turned = np.concatenate([[0.0], np.cumsum(np.nan_to_num(mean[1:]) * step)])
     filled = interpolate_missing(time_s, speed)
-    return HeldMotion(np.nan_to_num(mean), turned, filled, sigma, known)
+    of_mean = sigma / np.sqrt(2.0)
+    return HeldMotion(np.nan_to_num(mean), turned, filled, sigma, of_mean, known, False)
 
 
 @dataclass(frozen=True)
@@ -182,7 +195,7 @@ class BalanceProblem(Problem):
         for run in self.runs:
             simulation = _held_simulation(self, run, held, errors)
             simulation[CLOCK], simulation[DROPS_EDGES] = errors.clock, np.zeros(len(theta), bool)
-            simulation[INERTIA] = inertia / errors.gain[:, 1]
+            simulation[INERTIA] = inertia / run.held.speed_errors(errors)[0]
             add_encoder(simulation, errors)
             found.append(simulation)
         return found
@@ -261,9 +274,9 @@ def _held_states(run: HeldRun, errors: SensorErrors) -> np.ndarray:
     current (nan), speed, angle.
     """
     motion = run.held
-    speed = motion.mean_speed[1:] / errors.gain[:, 1:]
+    gain, lag_s = motion.speed_errors(errors)
     slope = np.gradient(motion.speed, np.asarray(run.log.time_s, float))[1:]
-    speed = speed + errors.lag_s[:, 1:] * slope
+    speed = (motion.mean_speed[1:] + lag_s[:, None] * slope) / gain[:, None]
     states = np.empty((*speed.shape, 3))
     states[:, :, 0], states[:, :, 1], states[:, :, 2] = np.nan, speed, motion.angle[:-1]
     return states
@@ -337,7 +350,7 @@ def _along_motion(channel: RowChannel, rig: Rig, motion: HeldMotion) -> RowChann
     if channel.column != "current_a":
         return channel
     amps_per_rad_s = rig.motor["torque_constant_nm_per_a"] / rig.motor["resistance_ohm"]
-    return replace(channel, sigma=np.hypot(channel.sigma, amps_per_rad_s * motion.sigma))
+    return replace(channel, sigma=np.hypot(channel.sigma, amps_per_rad_s * motion.mean_sigma))
 
 
 def _torque_channel(run: MeasuredRun, rig: Rig, motion: HeldMotion) -> TorqueChannel | None:

@@ -120,4 +120,4 @@ def best_fitting(search: Search, size: int) -> list[Fit]:
     """The fits of sets of one size with the smallest cost over all rows, best first."""
     fits = [f for k, f in search.fits.items() if len(k) == size and is_valid(f)]
     count = BEAM.singles if size == 1 else BEAM.width
-    return sorted(fits, key=lambda f: (f.cost, f.ids))[:count]
+    return search.engine.closest(fits)[:count]

@@ -32,6 +32,8 @@ FORWARD, BALANCE = "forward simulation", "torque balance"
 NOT_IN_BALANCE = frozenset(
     {"coupler_compliance", "gear_backlash", "clock_skew", "hall_eccentricity"}
 )
+# Errors of a speed sensor: where an encoder measures the motion, the balance has no speed sensor.
+OF_SPEED_SENSOR = frozenset({"speed_gain", "speed_lag"})
 # Effects that shift the driving column in time. Where torques are means of few rows, a shift by a
 # part of a row averages the noise of further rows, which any noisy log rewards.
 SHIFTS = frozenset({"transport_delay"})
@@ -109,12 +111,15 @@ def begin_in_better_comparison(
 
 def effects_in_balance(balance: BalanceProblem, effects: Sequence[Effect]) -> list[Effect]:
     """The effects that a torque balance can show. What repeats with the shaft's angle needs a
-    measured angle: one summed from speeds drifts by more than a period.
+    measured angle: one summed from speeds drifts by more than a period. The motion comes from the
+    angle where it is measured, else from the speed.
     """
     left_out = NOT_IN_BALANCE
     if balance.rows_per_span < RULES.min_rows_of_shift:
         left_out |= SHIFTS
     angle = all(has_values(log.columns, "position_rad") for log in balance.logs)
+    if angle:
+        left_out |= OF_SPEED_SENSOR
     return [e for e in effects if e.id not in left_out and (angle or e.periodic is None)]
 
 

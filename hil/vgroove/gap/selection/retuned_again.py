@@ -25,8 +25,9 @@ def retune_again(search: Search) -> Search:
     the values of the keys in the STARTS best fits with one effect.
     """
     engine, known = search.engine, search.retuned
-    singles = [f for k, f in search.fits.items() if len(k) == 1 and f.cost < known.cost]
-    closest = sorted(singles, key=lambda f: (f.cost, f.ids))[:STARTS]
+    singles = [f for k, f in search.fits.items() if len(k) == 1]
+    ranked = engine.closest([*singles, known])
+    closest = ranked[: ranked.index(known)][:STARTS]
     if not closest:
         return search
     (plain,) = engine.hypotheses([])

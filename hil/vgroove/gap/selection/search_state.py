@@ -78,6 +78,8 @@ class ComparisonLimits:
     # 95 % quantile of the best fit's residuals in a signal, divided by that of noise, above which
     # rescale() widens the signal's standard deviation, so that the ratio becomes this one
     far_from_noise: float = 2.0
+    # relative change of a signal's standard deviation that is none: its estimate errs by more
+    same_discrepancy: float = 0.01
     block_correlation_times: float = 3.0  # length of a bootstrap block, in correlation times
     max_block_restarts: float = 2.0  # and its upper bound, in restart intervals
 
@@ -331,6 +333,12 @@ class Search:
         counts = self.problem.judged & np.isfinite(square)
         return self.by_column(np.where(counts, square, 0.0)) / max(np.count_nonzero(counts), 1)
 
+    @cached_property
+    def reported_floor_by_column(self) -> np.ndarray:
+        """What noise alone leaves of reported_loss_by_column() (columns,)."""
+        counts = self.problem.judged & ~self.problem.censored
+        return self.by_column(counts) / max(np.count_nonzero(counts), 1)
+
     def closed_share(self, fuller: Fit, leaner: Fit) -> ClosedShare:
         """Share that a fit closes of what another one leaves above the sensors' noise."""
         with_it, more = (self.loss_by_column(f) for f in (fuller, leaner))
@@ -490,8 +498,8 @@ class Search:
         )
 
     def closes_visible_gap(self, one: Fit) -> bool:
-        """Whether a set closes at least the smallest visible gap; an effect that closes less cannot
-        be named.
+        """Whether a set closes a gap that is visible: above the noise, or above what the set leaves
+        where that is less. No effect is named for a smaller gap.
         """
         noise, left = np.sqrt(self.floor_power), np.sqrt(self.score(one))
         before = np.sqrt(self.score(self.retuned))
@@ -569,7 +577,7 @@ class Search:
         if self.gap_problem is not None:
             return self.reported_gap(one) <= before
         left, kept = (self.reported_loss_by_column(f) for f in (self.retuned, one))
-        closed, whole = left - kept, np.maximum(left - self.sample_shares, 0.0)
+        closed, whole = left - kept, np.maximum(left - self.reported_floor_by_column, 0.0)
         return self.reported_gap(one) < before and self.is_substantial(closed, whole)
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
@@ -592,7 +600,7 @@ class Search:
             predict_held_out(self.engine, self.near_best(fits))
         for one in fits:
             known = self.fits.get(key(one.ids))
-            if known is None or one.cost < known.cost:
+            if known is None or self.engine.closest([known, one])[0] is one:
                 self.fits[key(one.ids)] = one
         return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
 
@@ -621,7 +629,7 @@ def held_out_simulation(engine: Engine, one: Fit, problem: MeasuredProblem) -> n
     points = np.tile(one.x, (len(numbers), 1))
     if len(one.x):
         for number, step in zip(
-            np.unique(engine.problem.fold), engine.fold_steps(one), strict=True
+            np.unique(engine.problem.fold), engine.taken_steps(one), strict=True
         ):
             points[numbers == number] += step
     low, high = one.hypothesis.low, one.hypothesis.high
@@ -698,7 +706,17 @@ def rescale(search: Search) -> Search:
     """The search with the standard deviation of each signal widened where even the best fit leaves
     residuals far above the sensors' noise, as on measured machines: it then holds noise and model
     discrepancy together (Kennedy and O'Hagan, Journal of the Royal Statistical Society B 63 (2001)
-    425). All known fits are converted to it.
+    425). All known fits are converted to it, and those near the best fitted again.
+    """
+    other = with_present_discrepancy(search)
+    if other is not search:
+        refit_near_best(other)
+    return other
+
+
+def with_present_discrepancy(search: Search) -> Search:
+    """The search with each signal's standard deviation as rescale() widens it, its fits converted;
+    the search itself where none changes.
 
     The factor of a signal is the 95 % quantile of the best fit's absolute residuals, divided by
     that of unit noise and by far_from_noise, and at least 1.
@@ -706,13 +724,27 @@ def rescale(search: Search) -> Search:
     best = min(search.fits.values(), key=lambda one: cauchy_loss(search, one))
     discrepancy = discrepancy_of(search, best)
     ratio = search.engine.discrepancy / discrepancy
-    if np.all(ratio == 1.0):
+    if np.all(np.abs(ratio - 1.0) < COMPARISON.same_discrepancy):
         return search
     engine = search.engine.with_discrepancy(discrepancy)
     for one in {id(f): f for f in (search.nominal, search.retuned, *search.fits.values())}.values():
         engine.rescale_fit(one, ratio)
-    cache = SearchCache(search.fits, gap_residuals=search.cache.gap_residuals)
-    return replace(search, engine=engine, cache=cache)
+    return replace(search, engine=engine, cache=SearchCache(search.fits))
+
+
+def refit_near_best(search: Search) -> None:
+    """Bring the retuned fit and the sets near the best to convergence under the standard deviations
+    of the search, and predict their held-out rows. A fit that ended under others is no minimum: any
+    set that is fitted later would gain on it what the refit gains.
+    """
+    found = [f for f in search.fits.values() if f is not search.retuned]
+    near = [search.retuned, *search.near_best(found)] if found else [search.retuned]
+    near = [f for f in near if len(f.x)]
+    for one in near:
+        one.improving, one.exact = True, False
+    search.engine.continue_fits(near, range(COMPARISON.max_rounds))
+    if near:
+        predict_held_out(search.engine, search.near_best(near))
 
 
 def whitened(search: Search) -> Search:
@@ -740,10 +772,8 @@ def whitened(search: Search) -> Search:
         cache=SearchCache(fits),
         unwhitened=search,
     )
-    other = rescale(other)
-    near = [retuned, *(f for f in other.near_best(list(fits.values())) if f is not retuned)]
-    other.engine.continue_fits(near, range(COMPARISON.max_rounds))
-    predict_held_out(other.engine, other.near_best(near))
+    other = with_present_discrepancy(other)
+    refit_near_best(other)
     return rescale(other)
 
 

@@ -8,7 +8,7 @@ Clinical Trials 7 (1986) 177). Of an effect that closes the larger part of what 
 leaves, it may be weighted by the squared gap that the effect makes in each part.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import Coordinate, Fit
+from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.selection.extension import slopes_of_subsystem
 from vgroove.gap.selection.model_comparison import (
     Blocks,
@@ -62,6 +63,48 @@ LIMITS = ConsistencyLimits()
 TINY = 1e-12  # keeps a ratio finite
 # covariates over which the size of an effect may vary smoothly
 VARYING_OVER = ("speed", "current", "motor angle", "time since start")
+
+
+@dataclass(frozen=True)
+class OtherNumbers:
+    """Numbers of a fit that are fitted again beside the size of an effect.
+
+    columns (n, k): of the Jacobian; value (k,): where the fit ended; prior (k,): inverse variance
+    of their priors, which are centred at the rig's values, 0; low, high (k,): bounds.
+    """
+
+    columns: np.ndarray
+    value: np.ndarray
+    prior: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(cls, best: Fit, which: Sequence[int]) -> "OtherNumbers":
+        """Those of a fit at the indices `which` (k,)."""
+        index, h = np.asarray(which, dtype=int), best.hypothesis
+        columns = best.jacobian[:, index]
+        return cls(columns, best.x[index], h.prior[index], h.low[index], h.high[index])
+
+    def step_beside(
+        self, slope: np.ndarray, residual: np.ndarray, rows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Step (1 + k,) of the size and of these numbers that a regression of the residuals (n,) in
+        `rows` takes within the bounds, and the inverse (1 + k, 1 + k) of its normal matrix, 0 for
+        numbers that end at a bound. slope (n,): change of the residuals for an added size of 1.
+        """
+        columns = np.column_stack([slope[rows], self.columns[rows]])
+        normal = columns.T @ columns + np.diag([TINY, *(self.prior + TINY)])
+        gradient = columns.T @ residual[rows] + np.concatenate([[0.0], self.prior * self.value])
+        low, high = (
+            np.concatenate([[end], bound - self.value])
+            for end, bound in ((-np.inf, self.low), (np.inf, self.high))
+        )
+        step = bounded_step(normal, gradient, low, high)
+        free = np.flatnonzero((low < step) & (step < high))
+        inverse = np.zeros_like(normal)
+        inverse[np.ix_(free, free)] = np.linalg.pinv(normal[np.ix_(free, free)])
+        return step, inverse
 
 
 @dataclass(frozen=True)
@@ -184,38 +227,34 @@ def part_sizes(search: Search, best: Fit, slope: np.ndarray, part: np.ndarray) -
     """Sizes of an effect in those parts that show it. slope (n,): its size_response(); part: number
     (n,) of each row's part.
     """
-    nuisance = best.jacobian[:, best.hypothesis.count :]
-    prior = np.ones(nuisance.shape[1])
-    found = []
+    nuisance = OtherNumbers.of(best, range(best.hypothesis.count, len(best.x)))
+    residual, found = _clipped(best.residual), []
     for number in np.unique(part):
         rows = np.flatnonzero((part == number) & search.blocks.tested)
-        columns = np.column_stack([slope[rows], nuisance[rows]])
-        found.append(
-            _size_in_part(columns, best.residual[rows], prior, search.blocks.cluster[rows])
-        )
+        found.append(_size_in_part(slope, nuisance, residual, rows, search.blocks.cluster))
     value, sigma, power = np.array(found).T
     shown = sigma < LIMITS.max_part_sigma
     return PartSizes(value[shown], sigma[shown], power[shown])
 
 
 def _size_in_part(
-    columns: np.ndarray, residual: np.ndarray, prior: np.ndarray, cluster: np.ndarray
+    slope: np.ndarray,
+    nuisance: OtherNumbers,
+    residual: np.ndarray,
+    rows: np.ndarray,
+    cluster: np.ndarray,
 ) -> tuple[float, float, float]:
     """Size of an effect in the rows (m,) of a part, its standard deviation by the sandwich over
-    clusters, at least that of white noise of the residual's power, and the squared gap that the
-    effect makes there. columns (m, 1 + k): sensitivity of the effect and of the k nuisance
-    parameters, prior (k,): the inverse variance of the latter.
+    clusters (n,), at least that of white noise of the residual's power, and the squared gap that
+    the effect makes there. slope (n,): its size_response(); residual (n,).
     """
-    residual = _clipped(residual)
-    penalty = np.diag(np.concatenate([[TINY], prior]))
-    normal = columns.T @ columns + penalty
-    if normal[0, 0] <= 10.0 * TINY:
+    if slope[rows] @ slope[rows] <= 10.0 * TINY:
         return 0.0, np.inf, 0.0
-    inverse = np.linalg.pinv(normal)
-    step = -inverse @ (columns.T @ residual)
-    left = residual + columns @ step
+    step, inverse = nuisance.step_beside(slope, residual, rows)
+    columns = np.column_stack([slope[rows], nuisance.columns[rows]])
+    left = residual[rows] + columns @ step
     score = columns * left[:, None]
-    places = np.unique(cluster, return_inverse=True)[1]
+    places = np.unique(cluster[rows], return_inverse=True)[1]
     sums = np.stack([np.bincount(places, weights=s) for s in score.T], axis=1)
     groups = len(sums)
     robust = inverse @ (sums.T @ sums) @ inverse * (groups / max(1, groups - 1))
@@ -273,13 +312,14 @@ def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
     acts.
     """
     tested = search.blocks.tested
-    columns, prior = _size_and_other_numbers(best, effect_id)
-    columns, residual = columns * tested[:, None], np.where(tested, _clipped(best.residual), 0.0)
-    if not columns[:, 0].any():
+    other = [k for k, c in enumerate(best.hypothesis.coordinates) if not is_leading(c, effect_id)]
+    numbers, slope = OtherNumbers.of(best, other), sensitivity(best, effect_id)
+    if not slope[tested].any():
         return False
-    inverse = np.linalg.pinv(columns.T @ columns + np.diag(prior))
-    step = -inverse @ (columns.T @ residual)
-    influence, left = columns @ inverse[:, 0], residual + columns @ step
+    step, inverse = numbers.step_beside(slope, _clipped(best.residual), np.flatnonzero(tested))
+    columns = np.column_stack([slope, numbers.columns]) * tested[:, None]
+    influence = columns @ inverse[:, 0]
+    left = np.where(tested, _clipped(best.residual), 0.0) + columns @ step
     size, quantile = 1.0 + float(step[0]), 0.5 * (1.0 + significance(search, effect_id))
     return any(
         size > float(stdtrit(freedom, quantile)) * error
@@ -303,15 +343,6 @@ def _error_by_blocks(
     shift = np.bincount(blocks.cluster, weights=influence * left)
     error = float(np.sqrt(np.sum((shift / np.maximum(1.0 - share, TINY)) ** 2)))
     return error, max(1.0 / float(np.sum(share**2)) - 1.0, TINY)
-
-
-def _size_and_other_numbers(best: Fit, effect_id: str) -> tuple[np.ndarray, np.ndarray]:
-    """Sensitivities (n, 1 + k) of the residuals to an effect's size and to the k numbers of the fit
-    that do not scale the effect, and the inverse variances (1 + k,) of their priors.
-    """
-    other = [k for k, c in enumerate(best.hypothesis.coordinates) if not is_leading(c, effect_id)]
-    columns = np.column_stack([sensitivity(best, effect_id), best.jacobian[:, other]])
-    return columns, np.concatenate([[TINY], best.hypothesis.prior[other] + TINY])
 
 
 def _clipped(residual: np.ndarray) -> np.ndarray:
@@ -384,24 +415,28 @@ def further_gain(search: Search, best: Fit, columns: np.ndarray) -> float:
     """Squared gap that further columns (n, m) close beside all numbers of a fit, held out, to first
     order.
     """
-    own = best.jacobian
-    prior = best.hypothesis.prior
     power = np.sqrt((columns**2).mean(axis=0))
     used = power > TINY
-    both = np.hstack([own, columns[:, used] / power[used]])
-    before = _held_out(search, best, own, prior)
-    after = _held_out(search, best, both, np.concatenate([prior, np.zeros(int(used.sum()))]))
+    before = _held_out(search, best, columns[:, :0])
+    after = _held_out(search, best, columns[:, used] / power[used])
     gain = block_sums(search.blocks, before).sum() - block_sums(search.blocks, after).sum()
     return float(gain) / search.blocks.total
 
 
-def _held_out(search: Search, best: Fit, columns: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Clipped squared residuals (n,) of each fold after a ridge regression on the other folds."""
+def _held_out(search: Search, best: Fit, added: np.ndarray) -> np.ndarray:
+    """Clipped squared residuals (n,) of each fold after a ridge regression on the other folds, on
+    the numbers of a fit within their bounds and on added columns (n, m).
+    """
+    h, free = best.hypothesis, np.full(added.shape[1], np.inf)
+    columns = np.hstack([best.jacobian, added])
+    prior, value = (np.concatenate([x, 0.0 * added[0]]) for x in (h.prior, best.x))
+    low, high = np.concatenate([h.low - best.x, -free]), np.concatenate([h.high - best.x, free])
     target = _clipped(best.residual)
     out = target.copy()
     for train, test in search.problem.folds:
         rows = columns[train]
         normal = rows.T @ rows
         normal[np.diag_indices_from(normal)] += LIMITS.ridge * np.diag(normal) + prior + TINY
-        out[test] += columns[test] @ -np.linalg.solve(normal, rows.T @ target[train])
+        gradient = rows.T @ target[train] + prior * value
+        out[test] += columns[test] @ bounded_step(normal, gradient, low, high)
     return clipped_squares(out, COMPARISON.clip_sigma)

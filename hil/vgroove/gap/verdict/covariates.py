@@ -4,6 +4,7 @@ model, time, heat, the command and its rate.
 
 import numpy as np
 
+from vgroove.gap.residual.moving_mean import moving_mean
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.log_content import fill_rows, measured_speed
 from vgroove.units import TURN_RAD
@@ -51,19 +52,15 @@ def log_covariates(problem: Problem, j: int, angle: np.ndarray) -> Covariates:
     }
     for column, name in COLUMN_NAMES.items():
         if column in log.columns:
-            found[name] = moving_mean(fill_rows(np.asarray(log.columns[column], float)))
+            found[name] = moving_mean(
+                fill_rows(np.asarray(log.columns[column], float)), SMOOTHED_ROWS
+            )
     command = found.get("duty", found.get("voltage"))
     if command is not None:
         found["rate of command"] = np.gradient(command, t)
     if "current" in found:
         found["heat"] = heat(found["current"], t)
     return found
-
-
-def moving_mean(values: np.ndarray) -> np.ndarray:
-    """Centred moving mean over SMOOTHED_ROWS rows (n,)."""
-    padded = np.pad(values, SMOOTHED_ROWS // 2, mode="edge")
-    return np.convolve(padded, np.full(SMOOTHED_ROWS, 1.0 / SMOOTHED_ROWS), mode="valid")
 
 
 def heat(current: np.ndarray, time_s: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from vgroove.gap.catalogue import equivalents
 from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.selection.candidate_sets import fit_without
 from vgroove.gap.selection.comparison import comparison_of
 from vgroove.gap.selection.intervals import Estimate, estimate_of
 from vgroove.gap.selection.search import win_shares
@@ -76,7 +77,7 @@ def comparison_evidence(
         return None
     search = finding.search or search
     best = search.fits[key(finding.best.ids)]
-    rest = known_without(search, best, effect_id)
+    rest = fit_without(search, best, effect_id)
     before, after = (float(np.sqrt(search.score(f))) for f in (rest, best))
     return ComparisonEvidence(
         comparison_of(search), before, after, float(np.sqrt(search.floor_power))
@@ -89,13 +90,8 @@ def selected(search: Search, finding: Finding) -> list[str]:
     """
     if not finding.names_effects:
         return []
-    left = {i: search.score(known_without(search, finding.best, i)) for i in finding.best.ids}
+    left = {i: search.score(fit_without(search, finding.best, i)) for i in finding.best.ids}
     return sorted(finding.best.ids, key=lambda i: (-left[i], i))
-
-
-def known_without(search: Search, best: Fit, effect_id: str) -> Fit:
-    """The known fit of a set without one of its effects; the retuned one where there is none."""
-    return search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
 
 
 def lost_without(search: Search, best: Fit, effect_id: str) -> float:
@@ -103,7 +99,7 @@ def lost_without(search: Search, best: Fit, effect_id: str) -> float:
     if effect_id not in best.ids:
         return 0.0
     floor = search.floor
-    rest = known_without(search, best, effect_id)
+    rest = fit_without(search, best, effect_id)
     before, after, without = (search.reported_gap(f) for f in (search.nominal, best, rest))
     if before - floor < MIN_GAP:
         return 0.0

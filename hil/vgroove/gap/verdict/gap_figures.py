@@ -4,7 +4,12 @@ import numpy as np
 
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.intervals import Estimate
-from vgroove.gap.selection.model_comparison import Blocks, block_sums, make_blocks
+from vgroove.gap.selection.model_comparison import (
+    Blocks,
+    block_sums,
+    make_blocks,
+    small_sample_factor,
+)
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict.schema import Gap, SignalGap
 
@@ -53,19 +58,22 @@ def refit_gap(search: Search, estimated: Estimate) -> float:
 
 
 def closed_interval(search: Search, shown: Fit) -> list[float] | None:
-    """95 % block-bootstrap interval of the closed share over the judged rows; residuals are clipped
-    as in the reported gap.
+    """95 % block-bootstrap interval of the closed share over the judged rows, widened for few
+    blocks by small_sample_factor(); residuals are clipped as in the reported gap.
     """
     problem, floor = search.simulated, search.floor
-    if search.reported_gap(search.nominal) - floor < MIN_GAP:
+    closed = closed_share(search.reported_gap(search.nominal), search.reported_gap(shown), floor)
+    if closed is None:
         return None
     blocks = make_blocks(problem, problem.judged, search.blocks.length_s, search.seed)
     before, after = (
         np.sqrt(_drawn_means(blocks, problem.squared(search.gap_residual(f))))
         for f in (search.nominal, shown)
     )
-    share = (before - after) / np.maximum(before - floor, MIN_SAMPLE_GAP)
-    return [float(q) for q in np.quantile(np.clip(share, 0.0, 1.0), QUANTILES_95)]
+    share = np.clip((before - after) / np.maximum(before - floor, MIN_SAMPLE_GAP), 0.0, 1.0)
+    wider = small_sample_factor(blocks.count, 0.95)
+    low, high = closed + wider * (np.quantile(share, QUANTILES_95) - closed)
+    return [max(0.0, min(float(low), closed)), min(1.0, max(float(high), closed))]
 
 
 def _drawn_means(blocks: Blocks, squared: np.ndarray) -> np.ndarray:

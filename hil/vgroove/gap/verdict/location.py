@@ -63,10 +63,9 @@ NormalEquations = list[tuple[np.ndarray, np.ndarray]]
 
 
 def linear_model(search: Search, best: Fit) -> LinearModel:
-    """All subsystems' columns at the selected model; the target is the residual with every selected
-    effect removed to first order.
+    """All subsystems' columns at the selected model; the target is the residual of the model
+    without the selected effects.
     """
-    count = best.hypothesis.count
     columns, owner = (
         [best.jacobian],
         [subsystem_of(c.name) if not c.prior else NUISANCE for c in best.hypothesis.coordinates],
@@ -74,7 +73,6 @@ def linear_model(search: Search, best: Fit) -> LinearModel:
     for added in added_effects(search, best):
         columns.append(added.columns)
         owner += [BY_ID[added.hypothesis.ids[-1]].subsystem] * added.columns.shape[1]
-    target = best.residual - best.jacobian[:, :count] @ best.x[:count]
     stacked = np.hstack(columns)
     norm = np.sqrt((stacked**2).mean(axis=0))
     offset, keys = np.zeros(stacked.shape[1]), np.array([name == NUISANCE for name in owner])
@@ -82,13 +80,27 @@ def linear_model(search: Search, best: Fit) -> LinearModel:
     use = norm > 0
     bound = np.where(keys, MAX_NUISANCE_SIGMAS * norm, np.inf)
     return LinearModel(
-        target,
+        residual_without_effects(search, best),
         stacked[:, use] / norm[use],
         np.array(owner, dtype=object)[use],
         keys[use] / norm[use] ** 2,
         (offset * norm)[use],
         bound[use],
     )
+
+
+def residual_without_effects(search: Search, best: Fit) -> np.ndarray:
+    """Residuals (n,) of a fit's model with its effects off and its nuisance parameters as fitted.
+    A number that is no size (a period, a speed, a limit) makes their first order far too large.
+    """
+    if not best.ids:
+        return best.residual
+    engine, problem = search.engine, search.problem
+    theta = best.theta(problem.theta0)
+    for parameter in (e.name(p) for e in map(BY_ID.get, best.ids) for p in e.parameters):
+        column = problem.index(parameter)
+        theta[column] = problem.theta0[column]
+    return engine.weighted(problem.residuals(theta[None, :], engine.angles)[0])
 
 
 def subsystem_of(name: str) -> str:
@@ -199,7 +211,8 @@ def largest_share(shares: dict[str, float]) -> str | None:
 def regime_shares(search: Search) -> list[RegimeShare]:
     """Share of each regime in the nominal model's squared gap above the noise, largest first."""
     residual, tested = search.nominal.out_of_fold, search.blocks.tested
-    noise = search.floor_power * ~search.problem.censored  # a bound that is kept has none
+    # that of the sensors in units of noise and discrepancy; a bound that is kept has none
+    noise = search.engine.discrepancy**-2.0 * ~search.problem.censored
     square = clipped_squares(residual, COMPARISON.clip_sigma) - noise
     powers = search.problem.power_by_regime(residual, np.where(tested, square, 0.0))
     sums = {name: max(0.0, power) for name, power in powers.items()}
