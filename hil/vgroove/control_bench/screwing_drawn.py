@@ -9,11 +9,17 @@ from typing import Any
 import numpy as np
 
 from vgroove.control_bench import screwing
-from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.draw import (
+    TAIL,
+    DrawnPart,
+    Span,
+    drawn_cells,
+    drawn_tool,
+    failure_interval,
+)
 from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
 from vgroove.rig import Rig
 
-PART = 4  # number of this part in draw.drawn_cells
 SPANS = {
     "trigger": Span(0.5, 1.0),
     "size": Span(0, len(screwing.SIZES)),
@@ -36,7 +42,7 @@ def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` screws in each half, for the nominal tool and for tools that are off."""
     return [
         {**cell, "size": screwing.SIZES[int(cell["size"])], "knot": bool(int(cell["knot"]))}
-        for cell in drawn_cells(PART, SPANS, draws)
+        for cell in drawn_cells(DrawnPart.SCREWING, SPANS, draws)
     ]
 
 

@@ -8,7 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.draw import (
+    TAIL,
+    DrawnPart,
+    Span,
+    drawn_cells,
+    drawn_tool,
+    failure_interval,
+)
 from vgroove.control_bench.jobs import Figures, Job, Variant
 from vgroove.control_bench.runs import pull, sil_run
 from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of
@@ -16,7 +23,6 @@ from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
 
-PART = 1  # number of this part in draw.drawn_cells
 FIRST_NM, LAST_NM = 40, 120  # range of torque_target_nm
 TARGETS_NM = tuple(range(FIRST_NM, LAST_NM + 1))
 SPANS = {
@@ -51,7 +57,7 @@ def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` cells of each target in each half, for the nominal tool and for tools that are
     off.
     """
-    found = drawn_cells(PART, SPANS, draws * len(TARGETS_NM))
+    found = drawn_cells(DrawnPart.TORQUE, SPANS, draws * len(TARGETS_NM))
     return [{**cell, "target_nm": float(int(cell["target_nm"]))} for cell in found]
 
 

@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 
 from vgroove.control_bench import vibration
-from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.draw import (
+    TAIL,
+    DrawnPart,
+    Span,
+    drawn_cells,
+    drawn_tool,
+    failure_interval,
+)
 from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
 from vgroove.control_bench.runs import Run, passing_s, pull, reference, sil_run
 from vgroove.control_bench.scores import ripple
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 
-PART = 5  # number of this part in draw.drawn_cells
 KINDS = ("hard_joint", "disc_spring", "m6", "m8", "m10")
 SPANS = {
     "kind": Span(0, len(KINDS)),
@@ -33,7 +39,10 @@ FULL_V = (
 
 def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` cells in each half, for the nominal tool and for tools that are off."""
-    return [{**cell, "kind": KINDS[int(cell["kind"])]} for cell in drawn_cells(PART, SPANS, draws)]
+    return [
+        {**cell, "kind": KINDS[int(cell["kind"])]}
+        for cell in drawn_cells(DrawnPart.VIBRATION, SPANS, draws)
+    ]
 
 
 def rig_of(cell: Mapping[str, Any]) -> Rig:
