@@ -5,14 +5,20 @@ goal, and draws, intervals and options are what they state.
 from itertools import combinations
 from typing import Any
 
+import pytest
+
 from vgroove.control_bench import (
     blows_drawn,
+    drill,
+    screwing,
     screwing_drawn,
     sync_drawn,
+    torque,
     torque_adapted,
     torque_drawn,
     vibration_drawn,
 )
+from vgroove.control_bench.sets import SEED_BASE, seed_of
 
 DRAWN = {
     "torque": torque_drawn.cells(1),
@@ -31,3 +37,22 @@ def seeds_of(cells: list[dict[str, Any]]) -> set[int]:
 def test_no_two_parts_have_the_same_draws() -> None:
     for (one, cells), (other, more) in combinations(DRAWN.items(), 2):
         assert not seeds_of(cells) & seeds_of(more), f"{one} and {other}"
+
+
+@pytest.mark.parametrize("draws", [1, 40, 200])
+def test_no_two_draws_of_a_matrix_have_the_same_seed(draws: int) -> None:
+    for cells in (
+        torque.cells(draws),
+        screwing.cells(draws),
+        drill.clutch_cells(draws),
+        drill.lock_cells(draws),
+        drill.normal_cells(draws),
+    ):
+        assert len(seeds_of(cells)) == len(cells)
+
+
+def test_a_seed_is_refused_for_a_number_that_would_repeat_another_seed() -> None:
+    assert seed_of("tune", 10**6, 1) != seed_of("tune", 10**6 + 1, 0)
+    for numbers in ((0, SEED_BASE), (-1, 0), (0, -1)):
+        with pytest.raises(ValueError, match="numbers of a cell"):
+            seed_of("tune", *numbers)

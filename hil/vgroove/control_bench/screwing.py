@@ -61,7 +61,7 @@ def cells(repeats: int = 1) -> list[dict[str, Any]]:
     )
     for (n, size), (s, supply_v), (w, wood), (t, trigger), knot, repeat in combinations:
         half = half_of(n + w, s + t)
-        seed = seed_of(half, n, s, w, t, int(knot), repeat)
+        seed = seed_of(half, repeat, n, s, w, t, int(knot))
         found.append(
             {
                 "set": half,

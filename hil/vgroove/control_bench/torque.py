@@ -44,7 +44,7 @@ def cells(runs: int = RUNS) -> list[dict[str, Any]]:
     ):
         half = half_of(t, s)
         found.append(
-            {"set": half, "target_nm": target_nm, "slope": slope, "seed": seed_of(half, t, s, n)}
+            {"set": half, "target_nm": target_nm, "slope": slope, "seed": seed_of(half, n, t, s)}
         )
     return found
 
