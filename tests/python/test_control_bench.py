@@ -497,7 +497,7 @@ def test_a_target_reported_as_missed_is_no_error() -> None:
 
 def test_the_plain_shape_is_the_uncontrolled_tool() -> None:
     rig, aim = reference("hard_joint", supply_v=18.5), 0.1
-    plain = vibration.run_figures(bound.shaped_run(rig, bound.START, aim), aim)
+    plain = bound.shaped_figures(bound.Task(rig, aim, 1), bound.START)
     board = sil_run(rig, duration_s=PULL_S + 0.6, truth_every=1, profile=pull(), noise=False)
     assert plain["rms_nm"] == pytest.approx(vibration.run_figures(board, aim)["rms_nm"], rel=0.25)
 

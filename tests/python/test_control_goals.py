@@ -2,6 +2,7 @@
 goal, and draws, intervals and options are what they state.
 """
 
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 
 from vgroove.control_bench import (
     blows_drawn,
+    bound,
     drill,
     screwing,
     screwing_drawn,
@@ -16,8 +18,10 @@ from vgroove.control_bench import (
     torque,
     torque_adapted,
     torque_drawn,
+    vibration,
     vibration_drawn,
 )
+from vgroove.control_bench.jobs import run_job
 from vgroove.control_bench.sets import SEED_BASE, seed_of
 
 DRAWN = {
@@ -56,3 +60,14 @@ def test_a_seed_is_refused_for_a_number_that_would_repeat_another_seed() -> None
     for numbers in ((0, SEED_BASE), (-1, 0), (0, -1)):
         with pytest.raises(ValueError, match="numbers of a cell"):
             seed_of("tune", *numbers)
+
+
+def test_the_bound_is_compared_with_the_uncontrolled_run_of_its_own_plant(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bound, "SEARCH", replace(bound.SEARCH, evaluations=0))
+    cell = next(c for c in vibration.cells() if c["load"] == "hard_joint")
+    jobs = [*vibration.jobs([cell]), *bound.jobs([cell])]
+    found = vibration.compare([run_job(job) for job in jobs], vibration.BOUND)
+    assert found["not_reached"] == 0
+    assert (found["change"], found["time"]) == (0.0, 0.0), "without a search both runs are the same"

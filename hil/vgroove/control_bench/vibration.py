@@ -167,9 +167,15 @@ def jobs(chosen: Sequence[dict[str, Any]], variants: Sequence[Variant] = VARIANT
 
 
 def compare(rows: Sequence[Figures], variant: str) -> Figures:
-    """A method against no control over the same cells: relative changes of RMS and of time."""
+    """A method against no control over the same cells: relative changes of RMS and of time. The
+    bound, which runs without a board, is compared with its own uncontrolled run (`plain`).
+    """
     plain = {(r["supply_v"], r["load"]): r for r in rows if r["variant"] == PLAIN.name}
-    pairs = [(plain[r["supply_v"], r["load"]], r) for r in rows if r["variant"] == variant]
+    pairs = [
+        (r.get("plain") or plain[r["supply_v"], r["load"]], r)
+        for r in rows
+        if r["variant"] == variant
+    ]
     done = [(a, b) for a, b in pairs if None not in (a["rms_nm"], b["rms_nm"])]
     changes = {
         key: [b[key] / a[key] - 1.0 for a, b in done]
