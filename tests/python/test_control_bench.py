@@ -268,7 +268,8 @@ def test_drawn_screws_have_every_size_with_and_without_knot() -> None:
 
 def vibration_row(seed: int, variant: str, rms_nm: float | None, volt: float) -> dict[str, Any]:
     cell = {"seed": seed, "variant": variant, "supply_v": volt, "trigger": 1.0}
-    return {**cell, "rms_nm": rms_nm, "late_nm": rms_nm, "time_s": 0.5}
+    time_s = None if rms_nm is None else 0.5
+    return {**cell, "aim_rad": 1.0, "rms_nm": rms_nm, "late_nm": rms_nm, "time_s": time_s}
 
 
 def test_drawn_vibration_is_judged_in_each_cell() -> None:
@@ -276,10 +277,11 @@ def test_drawn_vibration_is_judged_in_each_cell() -> None:
     after = (1.2, 0.8, 0.6, None)
     rows += [vibration_row(n, "method 1", rms, 15.0 + n) for n, rms in enumerate(after)]
     found = vibration_drawn.compare(rows, "method 1")
-    assert (found["cells"], found["not_compared"], found["above"]) == (4, 1, 1)
+    assert (found["cells"], found["judged"], found["missed"], found["above"]) == (4, 4, 1, 2)
     assert found["change"] == pytest.approx(-0.4 / 3)
     assert found["worst"] == pytest.approx(0.2)
-    assert found["above_low"] < 1 / 3 < found["above_high"]
+    assert found["above_low"] < 1 / 2 < found["above_high"]
+    assert found["time_most"] == pytest.approx(vibration_drawn.LONGEST_S / 0.5 - 1.0)
     assert (found["full_cells"], found["full_change"]) == (2, pytest.approx(-0.3))
 
 

@@ -21,8 +21,10 @@ from vgroove.control_bench import (
     vibration,
     vibration_drawn,
 )
+from vgroove.control_bench.draw import NOMINAL
 from vgroove.control_bench.jobs import run_job
 from vgroove.control_bench.sets import SEED_BASE, seed_of
+from vgroove.control_bench.vibration_drawn_page import vibration_drawn_report
 
 DRAWN = {
     "torque": torque_drawn.cells(1),
@@ -71,3 +73,38 @@ def test_the_bound_is_compared_with_the_uncontrolled_run_of_its_own_plant(
     found = vibration.compare([run_job(job) for job in jobs], vibration.BOUND)
     assert found["not_reached"] == 0
     assert (found["change"], found["time"]) == (0.0, 0.0), "without a search both runs are the same"
+
+
+def vibration_cell(seed: int, **values: Any) -> dict[str, Any]:
+    """A drawn cell of low vibration with the nominal tool."""
+    drive = {"supply_v": 16.7, "trigger": 0.72, "start_rad": -1.0, "slope": 100.0, "wood": 1.1}
+    cell = {"set": "report", "stratum": NOMINAL, "kind": "m10", "tool": {}, "seed": seed}
+    return {**cell, **drive, **values}
+
+
+def vibration_rows(cells: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [run_job(job) for job in vibration_drawn.jobs(cells)]
+
+
+def test_a_slow_screw_counts_in_low_vibration_and_a_joint_that_does_not_turn_is_told() -> None:
+    still = {"kind": "disc_spring", "supply_v": 16.0, "trigger": 0.6}
+    rows = vibration_rows([vibration_cell(1), vibration_cell(2, **still)])
+    report = vibration_drawn_report(rows).data["vibration_drawn"]
+    for found in report["summary"]:
+        assert (found["cells"], found["without_aim"], found["judged"]) == (2, 1, 1)
+        assert found["missed"] == 0 and found["change"] is not None
+
+
+def test_a_run_that_misses_its_aim_misses_the_goal_of_low_vibration() -> None:
+    rows = vibration_rows([vibration_cell(1)])
+    for row in rows:
+        if row["variant"] == "method 2":
+            row.update(rms_nm=None, weighted_nm=None, impacting_nm=None, late_nm=None, time_s=None)
+    report = vibration_drawn_report(rows)
+    goals = {
+        (goal["variant"], goal["goal"]): goal for goal in report.data["vibration_drawn"]["goals"]
+    }
+    missed = goals[f"method 2, {NOMINAL}", "cells above +5 % or that miss the aim"]
+    assert (missed["value"], missed["met"]) == (1, False)
+    assert not goals[f"method 2, {NOMINAL}", "time change, mean"]["met"]
+    assert next(t for t in report.tables if t.name == "vibration_drawn_failed").rows
