@@ -605,6 +605,8 @@ DRAWN = {
             ("worst", "worst", "%"),
             ("off by more than 3 %", "beyond_goal", ""),
             ("targets met of 81", "targets_met", ""),
+            ("never reached", "targets_not_reached", ""),
+            ("reached once", "targets_reached_once", ""),
             ("misses reported as reached", "missed_reported_reached", ""),
         ],
         ("missed_reported_reached_low", "missed_reported_reached_high"),

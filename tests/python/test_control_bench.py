@@ -171,7 +171,7 @@ def test_drawn_torque_is_judged_at_each_target() -> None:
     rows += [drawn_row(52.0, 0.0), drawn_row(52.0, -0.07), drawn_row(53.0, 0.2, "missed")]
     rows += [drawn_row(54.0, 0.0, "missed")]
     targets = {t["target_nm"]: t for t in torque_drawn.target_figures(rows)}
-    assert [targets[nm]["met"] for nm in (50.0, 51.0, 52.0, 53.0)] == [True, False, False, True]
+    assert [targets[nm]["met"] for nm in (50.0, 51.0, 52.0, 53.0)] == [True, False, False, False]
     found = torque_drawn.compare(rows)
     assert (found["runs"], found["reached"], found["missed_reported_reached"]) == (7, 5, 1)
     assert (found["worst"], found["beyond_goal"], found["false_alarms"]) == (-0.07, 2, 1)
@@ -494,7 +494,7 @@ def test_a_target_reported_as_missed_is_no_error() -> None:
     found = torque.cell_figures(rows, 100.0, 60.0, "torque")
     assert (found["refused_or_missed"], found["mean_error"]) == (1, pytest.approx(0.0)) and found[
         "std"
-    ] == pytest.approx(0.02)
+    ] == pytest.approx(0.02 * 2**0.5)
 
 
 def test_the_plain_shape_is_the_uncontrolled_tool() -> None:

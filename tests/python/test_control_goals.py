@@ -24,6 +24,7 @@ from vgroove.control_bench import (
 from vgroove.control_bench.draw import NOMINAL
 from vgroove.control_bench.jobs import run_job
 from vgroove.control_bench.sets import SEED_BASE, seed_of
+from vgroove.control_bench.torque_drawn_page import torque_drawn_report
 from vgroove.control_bench.vibration_drawn_page import vibration_drawn_report
 
 DRAWN = {
@@ -108,3 +109,35 @@ def test_a_run_that_misses_its_aim_misses_the_goal_of_low_vibration() -> None:
     assert (missed["value"], missed["met"]) == (1, False)
     assert not goals[f"method 2, {NOMINAL}", "time change, mean"]["met"]
     assert next(t for t in report.tables if t.name == "vibration_drawn_failed").rows
+
+
+def torque_row(target_nm: float, error: float, reason: str = "reached") -> dict[str, Any]:
+    where = {"set": "report", "stratum": NOMINAL, "tool": {}}
+    return {**where, "target_nm": target_nm, "error": error, "reason": reason}
+
+
+def test_a_target_without_two_reached_drives_misses_the_goal_and_is_shown() -> None:
+    rows = [torque_row(50.0, 0.01), torque_row(50.0, 0.02)]
+    rows += [torque_row(51.0, 0.0), torque_row(51.0, 0.2, "missed")]
+    rows += [torque_row(52.0, -0.4, "missed"), torque_row(52.0, -0.5, "timeout")]
+    report = torque_drawn_report(rows)
+    goals = {goal["goal"]: goal for goal in report.data["torque_drawn"]["goals"]}
+    assert goals["targets that miss a goal"]["value"] == 2
+    assert goals["misses not reported"]["met"], "each miss is told as a miss"
+    found = report.data["torque_drawn"]["summary"][0]
+    assert (found["targets_not_reached"], found["targets_reached_once"]) == (1, 1)
+
+
+def test_a_target_out_of_the_reach_of_the_tool_misses_the_goal() -> None:
+    cell = next(c for c in DRAWN["torque"] if c["stratum"] == NOMINAL and c["set"] == "report")
+    cells = [{**cell, "target_nm": 41.0, "slope": 700.0, "seed": seed} for seed in (1, 2)]
+    rows = [run_job(job) for job in torque_drawn.jobs(cells)]
+    assert not any(torque_drawn.reached(row) for row in rows)
+    assert [target["met"] for target in torque_drawn.target_figures(rows)] == [False]
+
+
+def test_the_standard_deviation_is_that_of_a_sample() -> None:
+    rows = [torque_row(50.0, -0.025), torque_row(50.0, 0.025)]
+    target = torque_drawn.target_figures(rows)[0]
+    assert target["std"] == pytest.approx(0.025 * 2**0.5) and not target["met"]
+    assert torque_drawn.compare(rows)["std"] == target["std"]

@@ -18,7 +18,7 @@ from vgroove.control_bench.draw import (
 )
 from vgroove.control_bench.jobs import Figures, Job, Variant
 from vgroove.control_bench.runs import pull, sil_run
-from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of
+from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of, sample_std
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
@@ -124,30 +124,36 @@ def missed_reported_reached(row: Figures) -> bool:
 
 def target_figures(rows: Sequence[Figures]) -> list[Figures]:
     """Each target of a stratum: mean error, standard deviation and largest error of the drives
-    reported as reached, misses that were not reported, and whether the goals are met.
+    reported as reached, misses that were not reported, and whether the goals are met. A target has
+    a standard deviation, and can meet the goals, from two drives reported as reached on.
     """
     found = []
     for target in sorted({row["target_nm"] for row in rows}):
         here = [row for row in rows if row["target_nm"] == target]
         errors = np.array([row["error"] for row in here if reached(row)])
-        figures: Figures = {
-            "target_nm": target,
-            "runs": len(here),
-            "reached": len(errors),
-            "missed_reported_reached": sum(missed_reported_reached(row) for row in here),
-            "mean_error": float(errors.mean()) if len(errors) else None,
-            "std": float(errors.std()) if len(errors) else None,
-            "worst": float(errors[np.argmax(abs(errors))]) if len(errors) else None,
-        }
-        met = not len(errors) or max(abs(errors.mean()), errors.std()) <= GOAL
-        found.append({**figures, "met": bool(met and not figures["missed_reported_reached"])})
+        std = sample_std(errors)
+        untold = sum(missed_reported_reached(row) for row in here)
+        within = std is not None and max(abs(errors.mean()), std) <= GOAL
+        found.append(
+            {
+                "target_nm": target,
+                "runs": len(here),
+                "reached": len(errors),
+                "missed_reported_reached": untold,
+                "mean_error": float(errors.mean()) if len(errors) else None,
+                "std": std,
+                "worst": float(errors[np.argmax(abs(errors))]) if len(errors) else None,
+                "met": bool(within and not untold),
+            }
+        )
     return found
 
 
 def compare(rows: Sequence[Figures]) -> Figures:
     """A stratum: mean, standard deviation, adverse quantiles and worst error of the drives reported
     as reached; those beyond GOAL; misses that were not reported, with the 95 % interval of their
-    share; targets that meet the goals.
+    share; targets that meet the goals, and those without a standard deviation: no drive reported
+    as reached, or a single one.
     """
     errors = np.array([row["error"] for row in rows if reached(row)])
     failures = sum(missed_reported_reached(row) for row in rows)
@@ -164,13 +170,15 @@ def compare(rows: Sequence[Figures]) -> Figures:
         "missed_reported_reached_high": high,
         "targets": len(targets),
         "targets_met": sum(target["met"] for target in targets),
+        "targets_not_reached": sum(target["reached"] == 0 for target in targets),
+        "targets_reached_once": sum(target["reached"] == 1 for target in targets),
     }
     if not len(errors):
         return figures
     least, most = np.quantile(errors, [TAIL, 1.0 - TAIL])
     return figures | {
         "mean_error": float(errors.mean()),
-        "std": float(errors.std()),
+        "std": sample_std(errors),
         "quantile_low": float(least),
         "quantile_high": float(most),
         "worst": float(errors[np.argmax(abs(errors))]),

@@ -28,6 +28,8 @@ SUMMARY = [
     ("reported as missed, error <= 3 %", "false_alarms"),
     ("targets", "targets"),
     ("targets met", "targets_met"),
+    ("targets never reached", "targets_not_reached"),
+    ("targets reached once", "targets_reached_once"),
 ]
 TARGETS = [
     ("tool", "variant"),
