@@ -141,3 +141,37 @@ def test_the_standard_deviation_is_that_of_a_sample() -> None:
     target = torque_drawn.target_figures(rows)[0]
     assert target["std"] == pytest.approx(0.025 * 2**0.5) and not target["met"]
     assert torque_drawn.compare(rows)["std"] == target["std"]
+
+
+def tool_rows(tools: int, drives: int, error: float) -> list[dict[str, Any]]:
+    """Drives of tools, the first of which is off by `error` in each drive."""
+    return [
+        {**torque_row(50.0 + drive, error if tool == 0 else 0.0), "tool": {"spring": 1.0 + tool}}
+        for tool in range(tools)
+        for drive in range(drives)
+    ]
+
+
+def test_intervals_over_tools_do_not_narrow_with_the_drives_of_each_tool() -> None:
+    few, many = (torque_drawn.compare(tool_rows(18, drives, 0.2)) for drives in (1, 9))
+    assert (many["missed_reported_reached"], many["units"], many["units_failed"]) == (9, 18, 1)
+    for key in ("missed_reported_reached", "mean_error"):
+        for side in ("low", "high"):
+            assert many[f"{key}_{side}"] == pytest.approx(few[f"{key}_{side}"])
+    assert many["missed_reported_reached_high"] > 0.25
+
+
+def test_each_drive_of_the_nominal_tool_counts_in_the_intervals() -> None:
+    found = torque_drawn.compare([torque_row(50.0, 0.0) for _ in range(162)])
+    assert (found["units"], found["units_failed"]) == (162, 0)
+    assert found["missed_reported_reached_high"] < 0.03
+
+
+def test_the_drives_of_an_adapted_tool_are_one_unit() -> None:
+    cells = [c for c in DRAWN["torque of other tools"] if c["set"] == "report"]
+    sizes = {
+        stratum: len(torque_drawn.units([c for c in cells if c["stratum"] == stratum]))
+        for stratum in torque_adapted.STRATA
+    }
+    assert sizes[torque_adapted.ADAPTED] == sizes[torque_adapted.UNADAPTED] == torque_adapted.TOOLS
+    assert sizes[NOMINAL] == len(torque_drawn.TARGETS_NM)

@@ -37,6 +37,7 @@ DRAWS = 2  # of each target in a half and stratum
 MAX_SECONDS = 16.0  # more than the firmware's time limits together
 GOAL = 0.03  # mean error and standard deviation at a target, of the target
 MISSED = 1 / 16  # a larger error is a miss, which the firmware has to report as one
+BOOTSTRAP_SEED, BOOTSTRAP_DRAWS = 1, 2000  # of the interval of a mean
 CONTROLLER = Variant("torque", "torque")
 
 
@@ -149,15 +150,46 @@ def target_figures(rows: Sequence[Figures]) -> list[Figures]:
     return found
 
 
+def units(rows: Sequence[Figures]) -> list[list[Figures]]:
+    """The rows in groups that were drawn independently of each other: the drives of one tool that
+    is off are a group, since its deviation is the same in all of them; each drive of the nominal
+    tool is one.
+    """
+    found: dict[Any, list[Figures]] = {}
+    for number, row in enumerate(rows):
+        tool = row.get("tool")
+        found.setdefault(tuple(sorted(tool.items())) if tool else number, []).append(row)
+    return list(found.values())
+
+
+def mean_interval(groups: Sequence[Sequence[Figures]]) -> tuple[float, float] | None:
+    """95 % interval of the mean error of the drives reported as reached, by the cluster bootstrap
+    over groups of rows (Davison and Hinkley 1997, section 3.8); None of fewer than two groups.
+    """
+    errors = [[row["error"] for row in group if reached(row)] for group in groups]
+    sums = np.array([sum(group) for group in errors if group])
+    counts = np.array([len(group) for group in errors if group])
+    if len(sums) < 2:
+        return None
+    random = np.random.default_rng(BOOTSTRAP_SEED)
+    drawn = random.integers(0, len(sums), (BOOTSTRAP_DRAWS, len(sums)))
+    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    return float(low), float(high)
+
+
 def compare(rows: Sequence[Figures]) -> Figures:
-    """A stratum: mean, standard deviation, adverse quantiles and worst error of the drives reported
-    as reached; those beyond GOAL; misses that were not reported, with the 95 % interval of their
-    share; targets that meet the goals, and those without a standard deviation: no drive reported
-    as reached, or a single one.
+    """A stratum: mean with its 95 % interval, standard deviation, adverse quantiles and worst error
+    of the drives reported as reached; those beyond GOAL; misses that were not reported; `units`
+    drawn independently of each other, those of them with such a miss, and the 95 % interval of
+    their share; targets that meet the goals, and those without a standard deviation: no drive
+    reported as reached, or a single one.
     """
     errors = np.array([row["error"] for row in rows if reached(row)])
     failures = sum(missed_reported_reached(row) for row in rows)
-    low, high = failure_interval(failures, len(rows))
+    groups = units(rows)
+    failed = sum(any(map(missed_reported_reached, group)) for group in groups)
+    low, high = failure_interval(failed, len(groups))
     targets = target_figures(rows)
     false_alarms = [row for row in rows if not reached(row) and abs(row["error"]) <= GOAL]
     figures: Figures = {
@@ -166,6 +198,8 @@ def compare(rows: Sequence[Figures]) -> Figures:
         "false_alarms": len(false_alarms),
         "beyond_goal": int((abs(errors) > GOAL).sum()),
         "missed_reported_reached": failures,
+        "units": len(groups),
+        "units_failed": failed,
         "missed_reported_reached_low": low,
         "missed_reported_reached_high": high,
         "targets": len(targets),
@@ -176,8 +210,11 @@ def compare(rows: Sequence[Figures]) -> Figures:
     if not len(errors):
         return figures
     least, most = np.quantile(errors, [TAIL, 1.0 - TAIL])
+    mean_low, mean_high = mean_interval(groups) or (None, None)
     return figures | {
         "mean_error": float(errors.mean()),
+        "mean_error_low": mean_low,
+        "mean_error_high": mean_high,
         "std": sample_std(errors),
         "quantile_low": float(least),
         "quantile_high": float(most),
