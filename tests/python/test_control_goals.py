@@ -23,6 +23,8 @@ from vgroove.control_bench import (
 )
 from vgroove.control_bench.draw import NOMINAL
 from vgroove.control_bench.jobs import run_job
+from vgroove.control_bench.screwing_drawn_page import screwing_drawn_report
+from vgroove.control_bench.screwing_page import screwing_report
 from vgroove.control_bench.sets import SEED_BASE, seed_of
 from vgroove.control_bench.torque_drawn_page import torque_drawn_report
 from vgroove.control_bench.vibration_drawn_page import vibration_drawn_report
@@ -175,3 +177,51 @@ def test_the_drives_of_an_adapted_tool_are_one_unit() -> None:
     }
     assert sizes[torque_adapted.ADAPTED] == sizes[torque_adapted.UNADAPTED] == torque_adapted.TOOLS
     assert sizes[NOMINAL] == len(torque_drawn.TARGETS_NM)
+
+
+def screw_rows(screws: int, **changes: Any) -> list[dict[str, Any]]:
+    """Screws of the same size with and without control; changes: of the figures of a controlled
+    one.
+    """
+    cell = {"set": "report", "stratum": NOMINAL, "size": "m10", "wood": 0.9, "knot": False}
+    drive = {"supply_v": 16.5, "trigger": 0.6, "start_rad": -1.0, "reason": 0, "faults": 0}
+    done = {"rate_per_s": 40.0, "past_deg": 30.0, "blow_deg": 10.0, "seat_s": 2.0}
+    row = {**cell, **drive, **done, "stripped": False, "early": False, "never": False}
+    found = []
+    for seed in range(screws):
+        found.append({**row, "seed": seed, "variant": "without"})
+        found.append({**row, "seed": seed, "variant": "screwing", **(changes if not seed else {})})
+    return found
+
+
+NOT_SEATED = {"past_deg": -400.0, "seat_s": None, "never": True}
+
+
+@pytest.mark.parametrize(
+    ("name", "report"), [("screwing", screwing_report), ("screwing_drawn", screwing_drawn_report)]
+)
+def test_a_screw_that_is_never_seated_misses_the_goals(name: str, report: Any) -> None:
+    goals = {
+        key: {goal["goal"]: goal for goal in report(rows).data[name]["goals"]}
+        for key, rows in (("all", screw_rows(4)), ("never", screw_rows(4, **NOT_SEATED)))
+    }
+    seated, time = "screws not seated within the time", "time to seat with / without, mean"
+    assert goals["all"][seated]["met"] and goals["all"][time]["value"] == 1.0
+    assert (goals["never"][seated]["value"], goals["never"][seated]["met"]) == (1, False)
+    assert not goals["never"][time]["met"]
+    assert goals["never"][time]["value"] == pytest.approx((3 + screwing.LONGEST_S / 2.0) / 4)
+
+
+def test_a_screw_that_is_never_seated_is_shown() -> None:
+    report = screwing_drawn_report(screw_rows(4, **NOT_SEATED))
+    failed = next(table for table in report.tables if table.name == "screwing_drawn_failed")
+    assert len(failed.rows) == 1
+
+
+def test_a_screw_beyond_the_power_of_the_tool_is_never_seated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(screwing, "MAX_SECONDS", 3.0)
+    rig = screwing.screw("m10", 16.0, 1.25, False, 5)
+    found = screwing.drive(screwing.VARIANTS[1], rig, 0.5, 5)
+    assert found["never"] and found["seat_s"] is None and not found["early"]

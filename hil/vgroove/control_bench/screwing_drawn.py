@@ -106,6 +106,7 @@ def compare(rows: Sequence[Figures], variant: str) -> Figures:
         ]
     )
     error = NORMAL_95 * float(changes.std(ddof=1)) / np.sqrt(len(changes))
+    past = [row["past_deg"] for row in here if row["seat_s"] is not None]
     stripped = failure_interval(sum(row["stripped"] for row in here), len(here))
     early = failure_interval(sum(row["early"] for row in here), len(here))
     return {
@@ -113,7 +114,7 @@ def compare(rows: Sequence[Figures], variant: str) -> Figures:
         "time_group": slowest_group(rows, variant),
         "rate_low": float(changes.mean() - error),
         "rate_high": float(changes.mean() + error),
-        "past_deg_tail": float(np.quantile([row["past_deg"] for row in here], 1.0 - TAIL)),
+        "past_deg_tail": float(np.quantile(past, 1.0 - TAIL)) if past else None,
         "stripped_low": stripped[0],
         "stripped_high": stripped[1],
         "early_low": early[0],
