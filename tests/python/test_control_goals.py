@@ -4,11 +4,14 @@ goal, and draws, intervals and options are what they state.
 
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from vgroove.control_bench import (
+    blows,
     blows_drawn,
     bound,
     drill,
@@ -23,6 +26,7 @@ from vgroove.control_bench import (
 )
 from vgroove.control_bench.draw import NOMINAL
 from vgroove.control_bench.jobs import run_job
+from vgroove.control_bench.runs import PULL_S
 from vgroove.control_bench.screwing_drawn_page import screwing_drawn_report
 from vgroove.control_bench.screwing_page import screwing_report
 from vgroove.control_bench.sets import SEED_BASE, seed_of
@@ -225,3 +229,50 @@ def test_a_screw_beyond_the_power_of_the_tool_is_never_seated(
     rig = screwing.screw("m10", 16.0, 1.25, False, 5)
     found = screwing.drive(screwing.VARIANTS[1], rig, 0.5, 5)
     assert found["never"] and found["seat_s"] is None and not found["early"]
+
+
+def counted_run(struck_s: list[float], counted_s: list[float]) -> Any:
+    """A drive with the plant's blows and the times at which the board counts one more."""
+    held_ms = np.round(1e3 * np.array(counted_s)).astype(int)
+    control = {
+        "time_s": (held_ms + 11) / 1e3,
+        "control_tick": held_ms % blows.TICKS_OF_BYTE,
+        "blow_count": np.arange(1, len(counted_s) + 1),
+    }
+    hits = np.zeros(len(struck_s), [("time_s", "f8"), ("kind", "i8")])
+    hits["time_s"] = struck_s
+    driven_s = np.arange(PULL_S, blows.RELEASE_S + 0.025, 1e-3)
+    rows = {"time_s": driven_s, "coast": np.zeros(len(driven_s))}
+    found = {"control": control, "hits": hits, "struck_s": hits["time_s"], "telemetry": rows}
+    return SimpleNamespace(**found, reported=np.zeros((0, 6)), faults=0)
+
+
+STRUCK_S = [blows.RELEASE_S + 0.01 - 0.02 * n for n in range(60, -1, -1)]  # the last in the ramp
+
+
+def test_a_blow_that_the_board_could_not_have_counted_before_the_release_is_no_error() -> None:
+    counted = [time_s + 0.005 for time_s in STRUCK_S]
+    for uncounted in (0, 1, 2):
+        run = counted_run(STRUCK_S, counted[: len(counted) - uncounted])
+        assert blows.count_figures(run)["error"] == 0, "in the ramp, or just before it"
+
+
+def test_a_blow_that_is_lost_before_the_release_is_an_error() -> None:
+    counted = [time_s + 0.005 for time_s in STRUCK_S]
+    lost = counted[:30] + counted[31:]
+    found = blows.count_figures(counted_run(STRUCK_S, lost))
+    assert (found["error"], found["blows"]) == (-1, len(STRUCK_S) - 2)
+    assert blows.count_figures(counted_run(STRUCK_S, counted[:-3]))["error"] == -1
+    twice = sorted([*counted, 1.9])
+    assert blows.count_figures(counted_run(STRUCK_S, twice))["error"] == 1
+
+
+def test_the_last_blow_of_a_drawn_drive_is_not_lost_at_the_release() -> None:
+    wood = {"kind": blows_drawn.WOOD, "size": "m8", "wood": 1.189, "supply_v": 20.402}
+    slip = {"kind": blows_drawn.SLIP, "slip_nm": 66.464, "supply_v": 17.074}
+    drives = [
+        {**wood, "trigger": 0.994, "start_rad": -2.053, "seed": 1263111031},
+        {**slip, "trigger": 0.984, "start_rad": -0.328, "seed": 698287558},
+    ]
+    found = [blows_drawn.work(blows.VARIANTS[0], tool={}, **drive) for drive in drives]
+    assert [(row["error"], row["blows"] > 100) for row in found] == [(0, True), (0, True)]
