@@ -2,6 +2,7 @@
 goal, and draws, intervals and options are what they state.
 """
 
+import sys
 from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vgroove.cli import main
 from vgroove.control_bench import (
     blows,
     blows_drawn,
@@ -24,6 +26,7 @@ from vgroove.control_bench import (
     vibration,
     vibration_drawn,
 )
+from vgroove.control_bench import control as bench
 from vgroove.control_bench.draw import NOMINAL
 from vgroove.control_bench.jobs import run_job
 from vgroove.control_bench.runs import PULL_S
@@ -32,6 +35,7 @@ from vgroove.control_bench.screwing_page import screwing_report
 from vgroove.control_bench.sets import SEED_BASE, seed_of
 from vgroove.control_bench.torque_drawn_page import torque_drawn_report
 from vgroove.control_bench.vibration_drawn_page import vibration_drawn_report
+from vgroove.result_files import Report
 
 DRAWN = {
     "torque": torque_drawn.cells(1),
@@ -276,3 +280,48 @@ def test_the_last_blow_of_a_drawn_drive_is_not_lost_at_the_release() -> None:
     ]
     found = [blows_drawn.work(blows.VARIANTS[0], tool={}, **drive) for drive in drives]
     assert [(row["error"], row["blows"] > 100) for row in found] == [(0, True), (0, True)]
+
+
+class Asked(bench.Choice):
+    """A choice that tells the number of cells that a part offers instead of choosing among them."""
+
+    def of(self, cells: Any) -> Any:
+        raise StopIteration(len(cells))
+
+
+def cells_of(part: str, draws: int) -> int:
+    with pytest.raises(StopIteration) as asked:
+        bench.PARTS[part](Asked(draws=draws))
+    return asked.value.value
+
+
+@pytest.mark.parametrize("part", list(bench.PARTS))
+def test_draws_act_on_every_part_whose_cells_are_not_fixed(
+    part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench, "rows_of", lambda *_: [{"map": []}])
+    one, two = cells_of(part, 1), cells_of(part, 2)
+    assert two == one if part in bench.FIXED_PARTS else two > one
+
+
+@pytest.mark.parametrize("part", ["blows", "sync", "vibration"])
+def test_draws_are_refused_for_a_part_with_fixed_cells(
+    part: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--part", part, "--part", "torque_drawn", "--draws", "2", "--fifth"]
+    monkeypatch.setattr(sys, "argv", ["vgroove", "bench", "control", *options])
+    monkeypatch.setattr(bench, "control_bench", lambda *_: pytest.fail("it ran"))
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"--draws: the cells of {part} are fixed, without random draws" in told
+
+
+def test_draws_of_all_parts_tell_which_cells_are_fixed(monkeypatch: pytest.MonkeyPatch) -> None:
+    empty = Report("control", "Controllers", ["A finding."], [], [], {})
+    monkeypatch.setattr(bench, "PARTS", {name: lambda _: empty for name in ("sync", "torque")})
+    lines = {
+        n: bench.control_bench(["sync", "torque"], bench.Choice(draws=n)).lines for n in (1, 2)
+    }
+    assert lines[2] == ["--draws: the cells of sync are fixed, without random draws.", *lines[1]]
