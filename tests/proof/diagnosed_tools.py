@@ -246,12 +246,14 @@ def chain(tool: TrueTool, count: int, jobs: int) -> dict[str, Any]:
 
 
 def summary(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Figures of torque_drawn.compare of each firmware over all tools, and the tools one by one
-    without their single drives.
+    """Figures of torque_drawn.compare of each firmware over all tools, each tool as one unit of the
+    intervals, and the tools one by one without their single drives.
     """
     compared, tools = {}, []
     for name in (REFERENCE, CORRECTED, TRUE):
-        compared[name] = torque_drawn.compare([row for one in found for row in one["drives"][name]])
+        compared[name] = torque_drawn.compare(
+            [{**row, "tool": one["shares"]} for one in found for row in one["drives"][name]]
+        )
     for one in found:
         each = {name: torque_drawn.compare(rows) for name, rows in one["drives"].items()}
         kept = ("reached", "beyond_goal", "missed_reported_reached", "mean_error", "std", "worst")

@@ -30,6 +30,7 @@ IN_STEP = 0.03
 REPEAT_GOALS = {"precision": 0.85, "recall": 0.9}
 SETTLE_S = 0.5  # after the pull; periods are evaluated from then on
 MIN_PERIODS = 8  # with fewer no period is evaluated
+TICKS_OF_BYTE = 256  # of CONTROL.control_tick, the low byte of the time in ms
 
 
 def cells() -> list[dict[str, Any]]:
@@ -52,8 +53,8 @@ def cells() -> list[dict[str, Any]]:
 
 
 def opened_s(run: Run) -> float:
-    """Time of the last driven row: board and plant are compared up to it, since a blow or two
-    follow without power.
+    """Time of the last driven row: repeats and periods of board and plant are compared up to it,
+    since a blow or two follow without power.
     """
     driven = np.flatnonzero(run.telemetry["coast"] == 0)
     return float(run.telemetry["time_s"][driven[-1]])
@@ -108,22 +109,42 @@ def work(variant: Variant, **cell: Any) -> Figures:
     return count_figures(run)
 
 
+def judged_s(blows_s: np.ndarray) -> float:
+    """Time up to which a count is compared with the blows of the plant, at their times blows_s: the
+    middle between the last two before the release of the trigger, or the release where there are
+    none. The board reports a blow up to 7 ms after it, which is less than half a period, and after
+    the release the falling duty leaves no valley in the speed.
+    """
+    before = blows_s[blows_s < RELEASE_S]
+    return float(before[-2:].mean()) if len(before) > 1 else RELEASE_S
+
+
+def counted_at(control: dict[str, np.ndarray], time_s: float) -> int:
+    """Blows that the board has counted at a time, by the CONTROL frames (Run.control). A frame
+    leaves up to 255 ms after its values hold, and gives the low byte of that millisecond.
+    """
+    sent_ms = np.round(1e3 * control["time_s"]).astype(int)
+    held_ms = sent_ms - ((sent_ms - control["control_tick"].astype(int)) % TICKS_OF_BYTE)
+    counts = control["blow_count"][(control["time_s"] > PULL_S) & (held_ms <= 1e3 * time_s)]
+    return int(counts.max()) if len(counts) else 0
+
+
 def count_figures(run: Run) -> Figures:
-    """The count of a drive up to the open bridge, and the figures of its repeats and periods.
+    """The count of a drive up to judged_s, and the figures of its repeats and periods up to the
+    open bridge.
 
     Raises AbsentError for a firmware without blow detection.
     """
     if not len(run.control["time_s"]):
         raise AbsentError("this firmware reports no blows: it sends no frame CONTROL")
-    counts = run.control["blow_count"][run.control["time_s"] > PULL_S]
-    hits, opened = run.hits, opened_s(run)
+    hits, opened, end_s = run.hits, opened_s(run), judged_s(run.struck_s)
     driven = run.struck_s[run.struck_s < opened]
-    counted = int(counts.max()) if len(counts) else 0
+    blows, counted = int((run.struck_s < end_s).sum()), counted_at(run.control, end_s)
     again = hits["time_s"][hits["kind"] == REPEAT]
     return {
-        "blows": len(driven),
+        "blows": blows,
         "counted": counted,
-        "error": counted - len(driven),
+        "error": counted - blows,
         "blows_per_min": float(60.0 / np.diff(driven).mean()) if len(driven) > 2 else 0.0,
         **repeat_figures(run.reported, driven, again[again < opened]),
         **period_figures(run.reported, driven),

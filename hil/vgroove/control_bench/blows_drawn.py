@@ -16,13 +16,19 @@ from vgroove.control_bench.blows import (
     in_range,
     repeat_score,
 )
-from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.draw import (
+    TAIL,
+    DrawnPart,
+    Span,
+    drawn_cells,
+    drawn_tool,
+    failure_interval,
+)
 from vgroove.control_bench.jobs import Figures, Job, Variant
 from vgroove.control_bench.runs import pull, reference, sil_run
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 
-PART = 3  # number of this part in draw.drawn_cells
 SLIP, HARD, WOOD = "slip", "hard joint", "wood"
 KINDS = (SLIP, SLIP, SLIP, HARD, WOOD)  # of the joint; each entry has the same share of the cells
 SIZES = ("m6", "m8", "m10")
@@ -44,7 +50,7 @@ def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` cells in each half, for the nominal tool and for tools that are off."""
     return [
         {**cell, "kind": KINDS[int(cell["kind"])], "size": SIZES[int(cell["size"])]}
-        for cell in drawn_cells(PART, SPANS, draws)
+        for cell in drawn_cells(DrawnPart.BLOWS, SPANS, draws)
     ]
 
 

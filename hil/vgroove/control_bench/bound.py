@@ -26,6 +26,17 @@ PHASE_ERRORS = np.linspace(-0.5, 0.5, 17)  # in periods
 
 
 @dataclass(frozen=True)
+class Task:
+    """A tool on its joint, the head angle that ends a run, and the seed of the plant: the same for
+    the uncontrolled run and for every shape that is compared with it.
+    """
+
+    rig: Rig
+    aim: float
+    seed: int
+
+
+@dataclass(frozen=True)
 class Search:
     """Settings of the search for a shape, chosen by trial."""
 
@@ -78,14 +89,17 @@ class BlowPhase:
 
 
 def shaped_run(
-    rig: Rig, shape: np.ndarray, aim: float, *, phase_error: float = 0.0, give_up_s: float = 10.0
+    task: Task, shape: np.ndarray, *, phase_error: float = 0.0, give_up_s: float = 10.0
 ) -> Run:
-    """The plant without firmware under a shape until the head has passed `aim` or for give_up_s.
+    """The plant without firmware under a shape until the head has passed the aim or for give_up_s.
 
     `phase_error` in periods delays the harmonic against the true blows.
     """
-    tool = _core.ImpactPlant(rig.parameters(), load_kind=rig.load["kind"], hall_pulses_per_rev=0)
-    cycle, rows, blows, reached = BlowPhase(), [], [], vibration.beyond(aim)
+    rig = task.rig
+    tool = _core.ImpactPlant(
+        rig.parameters(), load_kind=rig.load["kind"], seed=task.seed, hall_pulses_per_rev=0
+    )
+    cycle, rows, blows, reached = BlowPhase(), [], [], vibration.beyond(task.aim)
     for tick in range(round(vibration.SECONDS / TICK_S)):
         time_s = tick * TICK_S
         fresh = tool.blows()
@@ -116,32 +130,36 @@ def advanced(tool: Any, duty: float) -> tuple[float, ...]:
     )
 
 
-def cost(shape: np.ndarray, rig: Rig, aim: float, plain_s: float) -> float:
+def shaped_figures(task: Task, shape: np.ndarray, **options: float) -> Figures:
+    """Figures of vibration.run_figures of a run under a shape; options: those of shaped_run."""
+    return vibration.run_figures(shaped_run(task, shape, **options), task.aim)
+
+
+def cost(shape: np.ndarray, task: Task, plain_s: float) -> float:
     """Cost of a shape in N m: its RMS, raised where it takes longer than SEARCH.time_limit.
 
     `plain_s` is the time that the uncontrolled tool takes to the aim.
     """
-    run = shaped_run(rig, shape, aim, give_up_s=SEARCH.give_up * plain_s)
-    figures = vibration.run_figures(run, aim)
+    figures = shaped_figures(task, shape, give_up_s=SEARCH.give_up * plain_s)
     if figures["rms_nm"] is None:
         return SEARCH.failed_cost
     late = max(0.0, figures["time_s"] / plain_s - SEARCH.time_limit)
     return figures["rms_nm"] * (1.0 + SEARCH.time_cost * late)
 
 
-def best_shape(rig: Rig, aim: float, plain_s: float, seed: int) -> np.ndarray:
+def best_shape(task: Task, plain_s: float) -> np.ndarray:
     """The shape of least cost by a (1+1) evolution strategy whose step grows with each success and
     shrinks with each failure (Rechenberg 1973).
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(task.seed)
     best, step = START, SEARCH.step
-    least = cost(best, rig, aim, plain_s)
+    least = cost(best, task, plain_s)
     for _ in range(SEARCH.evaluations):
         changed = random.standard_normal(len(best)) * (
             random.random(len(best)) < SEARCH.changed_share
         )
         child = np.clip(best + step * changed, SEARCH.least, SEARCH.most)
-        found = cost(child, rig, aim, plain_s)
+        found = cost(child, task, plain_s)
         if found < least:
             best, least, step = child, found, SEARCH.growth * step
         else:
@@ -150,29 +168,24 @@ def best_shape(rig: Rig, aim: float, plain_s: float, seed: int) -> np.ndarray:
 
 
 def work(variant: Variant, **cell: Any) -> Figures:
-    """The best shape of one cell, and with `margin` the loss of its gain by an error of the
-    phase.
+    """The best shape of one cell beside the uncontrolled run that it is compared with (`plain`),
+    and with `margin` the loss of its gain by an error of the phase.
     """
     del variant
     supply_v, load = cell["supply_v"], cell["load"]
     rig, aim = reference(load, supply_v=supply_v), vibration.aim_rad(supply_v, load)
-    plain = vibration.run_figures(shaped_run(rig, START, aim), aim)
-    best = best_shape(rig, aim, plain["time_s"], cell["seed"])
-    found = {
-        **vibration.run_figures(shaped_run(rig, best, aim), aim),
-        "shape": best.tolist(),
-        "plain": plain,
-    }
+    task = Task(rig, aim, cell["seed"])
+    plain = shaped_figures(task, START)
+    best = best_shape(task, plain["time_s"])
+    found = {**shaped_figures(task, best), "shape": best.tolist(), "plain": plain}
     if cell["margin"]:
-        found["margin"] = [
-            phase_row(rig, best, aim, error, plain["rms_nm"]) for error in PHASE_ERRORS
-        ]
+        found["margin"] = [phase_row(task, best, error, plain["rms_nm"]) for error in PHASE_ERRORS]
     return found
 
 
-def phase_row(rig: Rig, shape: np.ndarray, aim: float, error: float, plain_nm: float) -> Figures:
+def phase_row(task: Task, shape: np.ndarray, error: float, plain_nm: float) -> Figures:
     """Relative change of the RMS where the phase of the harmonic is wrong by `error` periods."""
-    figures = vibration.run_figures(shaped_run(rig, shape, aim, phase_error=error), aim)
+    figures = shaped_figures(task, shape, phase_error=error)
     return {
         "phase_error": float(error),
         "change": None if figures["rms_nm"] is None else figures["rms_nm"] / plain_nm - 1.0,

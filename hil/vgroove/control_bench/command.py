@@ -27,6 +27,23 @@ def check_parts(parts: Sequence[str], known: Sequence[str]) -> None:
         raise VgrooveError(f"--part must be one of {', '.join(known)}, not {unknown[0]}")
 
 
+def check_choice(context: typer.Context, parts: Sequence[str], half: str, on: str) -> None:
+    """VgrooveError for an unknown half or platform, and for options without effect: on the ELF, or
+    on the named parts.
+    """
+    from vgroove.control_bench.control import fixed_sentence
+    from vgroove.errors import VgrooveError
+
+    if half not in HALVES or on not in PLATFORMS:
+        raise VgrooveError(
+            f"--set is one of {', '.join(HALVES)}, --on sil or avr; not {half}, {on}"
+        )
+    if on == "avr":
+        refuse_given(context, ("half", "only_fifth", "draws"), "the drives on the ELF are fixed")
+    if fixed := fixed_sentence(parts):
+        refuse_given(context, ("draws",), fixed)
+
+
 def processor_s() -> float:
     """Processor time in s of this process and of its children that have ended."""
     used = os.times()
@@ -58,7 +75,12 @@ def control_command(
     ] = "sil",
     only_fifth: Annotated[bool, typer.Option("--fifth", help="Every fifth cell.")] = False,
     draws: Annotated[
-        int, typer.Option(min=1, help="Draws of each scattered cell, times the usual number.")
+        int,
+        typer.Option(
+            min=1,
+            help="Draws of each scattered cell, times the usual number; refused for a named part "
+            "whose cells are fixed (blows, sync, vibration).",
+        ),
     ] = 1,
     json_path: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON.")
@@ -73,18 +95,12 @@ def control_command(
     """
     from vgroove.control_bench.avr import avr_bench
     from vgroove.control_bench.control import PARTS, Choice, control_bench
-    from vgroove.errors import VgrooveError
     from vgroove.output import check_outputs, json_text, write_all
     from vgroove.terminal import print_line, print_results, table_console
 
     parts = part or list(PARTS)
     check_parts(parts, list(PARTS))
-    if half not in HALVES or on not in PLATFORMS:
-        raise VgrooveError(
-            f"--set is one of {', '.join(HALVES)}, --on sil or avr; not {half}, {on}"
-        )
-    if on == "avr":
-        refuse_given(context, ("half", "only_fifth", "draws"), "the drives on the ELF are fixed")
+    check_choice(context, part or (), half, on)
     check_outputs((json_path, html_path))
     began_s = processor_s()
     choice = Choice(None if half == "both" else half, only_fifth, draws)

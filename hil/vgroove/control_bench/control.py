@@ -1,7 +1,7 @@
 """`vgroove bench control`: every part of the controllers' bench, as one report."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -164,11 +164,23 @@ PARTS: dict[str, Callable[[Choice], Report]] = {
 }
 
 
+FIXED_PARTS = ("blows", "sync", "vibration")  # their cells are a matrix that nothing is drawn for
+
+
+def fixed_sentence(parts: Sequence[str]) -> str:
+    """A sentence on the named parts whose cells Choice.draws does not change; empty for none."""
+    fixed = [name for name in parts if name in FIXED_PARTS]
+    return f"the cells of {', '.join(fixed)} are fixed, without random draws" if fixed else ""
+
+
 def control_bench(parts: Sequence[str], choice: Choice) -> Report:
     """The named parts as one report."""
     report = join_reports(
         "Controllers: every figure with and without", [PARTS[name](choice) for name in parts]
     )
+    fixed = fixed_sentence(parts)
+    if choice.draws > 1 and fixed:
+        report = replace(report, lines=[f"--draws: {fixed}.", *report.lines])
     report.data["set"] = choice.half or "both"
     report.data["fifth"] = choice.only_fifth
     return report

@@ -4,6 +4,7 @@ sampling; the two halves are drawn with different seeds.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum, unique
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,18 @@ TRIGGER = (0.6, 1.0)
 # The anvil's lugs are alike, thus this is every position that a turn has.
 START_RAD = (-2.14, 0.0)
 TAIL = 0.05  # the adverse quantile that stands beside each mean
+
+
+@unique
+class DrawnPart(IntEnum):
+    """Parts of the bench with drawn values; the number gives each part its own draws."""
+
+    TORQUE = 1
+    SYNC = 2
+    TORQUE_ADAPTED = 3
+    SCREWING = 4
+    VIBRATION = 5
+    BLOWS = 6
 
 
 @dataclass(frozen=True)
@@ -68,9 +81,9 @@ def drawn(spans: Mapping[str, Span], count: int, seeds: Sequence[int]) -> list[d
     return [dict(zip(spans, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
 
 
-def drawn_cells(part: int, spans: Mapping[str, Span], count: int) -> list[dict[str, Any]]:
-    """`count` cells for each half and stratum. `part` is a number that gives each part of the bench
-    its own draws; `tool` holds the shares of TOOL_VALUES, and is empty for the nominal tool.
+def drawn_cells(part: DrawnPart, spans: Mapping[str, Span], count: int) -> list[dict[str, Any]]:
+    """`count` cells for each half and stratum; `tool` holds the shares of TOOL_VALUES, and is empty
+    for the nominal tool.
     """
     found = []
     for half in SETS:

@@ -101,7 +101,7 @@ def clutch_cells(runs: int) -> list[dict[str, Any]]:
                 "clutch_nm": clutch_nm,
                 "degrees": degrees,
             }
-            found.append({"set": half, **cell, "seed": seed_of(half, g, s, c, r, n)})
+            found.append({"set": half, **cell, "seed": seed_of(half, n, g, s, c, r)})
     return found
 
 
@@ -118,7 +118,7 @@ def lock_cells(runs: int) -> list[dict[str, Any]]:
                 "kind": "lock",
                 "gear": gear,
                 "supply_v": supply_v,
-                "seed": seed_of(half, 7, g, s, n),
+                "seed": seed_of(half, n, 7, g, s),
             }
         )
     return found
@@ -134,7 +134,7 @@ def normal_cells(runs: int) -> list[dict[str, Any]]:
                 "set": half,
                 "kind": NORMAL,
                 "gear": list(GEARS)[number // 2 % 2],
-                "seed": seed_of(half, 11, number, n),
+                "seed": seed_of(half, number + NORMAL_CELLS * n, 11),
             }
         )
     return found

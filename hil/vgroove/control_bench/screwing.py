@@ -38,6 +38,7 @@ KNOT_PLACE = (1 / 3, 2 / 3)  # drawn: start of the knot, of the way to the seat
 TURNS_LEFT = (4.0, 12.0)  # drawn: turns from the start of the run to the seat
 RELEASE_S = 0.2  # after the seat: reaction time of the operator without control
 MAX_SECONDS = 45.0
+LONGEST_S = MAX_SECONDS - PULL_S  # from the pull to the end of a run
 STRIPPED_MORE_RAD = 20.0  # past the end of the seating ramp: a run ends there
 REST_S = 0.15  # with the bridge open for so long a drive is over
 TRUTH_EVERY = 31  # PWM periods: about 1 ms
@@ -61,7 +62,7 @@ def cells(repeats: int = 1) -> list[dict[str, Any]]:
     )
     for (n, size), (s, supply_v), (w, wood), (t, trigger), knot, repeat in combinations:
         half = half_of(n + w, s + t)
-        seed = seed_of(half, n, s, w, t, int(knot), repeat)
+        seed = seed_of(half, repeat, n, s, w, t, int(knot))
         found.append(
             {
                 "set": half,
@@ -214,19 +215,33 @@ def is_soft(row: Figures) -> bool:
     return row["size"] == "m6" or row["wood"] < 1.0
 
 
+def time_ratios(pairs: Sequence[tuple[Figures, Figures]]) -> list[float]:
+    """Ratios of the times to the seat over pairs (without, with control) of the same screw.
+
+    A screw that control does not seat within MAX_SECONDS counts with that time, which is less than
+    it needs. One that control stops before the seat has no such time, and is counted as `early`.
+    """
+    return [
+        (b["seat_s"] or LONGEST_S) / a["seat_s"]
+        for a, b in pairs
+        if a["seat_s"] and (b["never"] or b["seat_s"])
+    ]
+
+
 def totals(rows: Sequence[Figures]) -> Figures:
-    """Counts, medians and extremes of one variant on some screws.
+    """Counts, medians and extremes of one variant on some screws; the turn past the seat over the
+    screws that reach it.
 
     The limit of the turn past the seat is the goal's, or the turn by a single blow where that is
     larger.
     """
     seated = [r["seat_s"] for r in rows if r["seat_s"] is not None]
-    past = np.array([r["past_deg"] for r in rows])
+    past = np.array([r["past_deg"] for r in rows if r["seat_s"] is not None])
     limits = np.array([max(GOALS["turn_deg"], r["blow_deg"]) for r in rows])
     return {
         "screws": len(rows),
-        "past_deg_median": float(np.median(past)),
-        "past_deg_most": float(past.max()),
+        "past_deg_median": float(np.median(past)) if len(past) else None,
+        "past_deg_most": float(past.max()) if len(past) else None,
         "limit_deg_median": float(np.median(limits)),
         "stripped": sum(r["stripped"] for r in rows),
         "early": sum(r["early"] for r in rows),
@@ -245,12 +260,13 @@ def compare(rows: Sequence[Figures], variant: str, size: str | None = None) -> F
         for a, b in pairs
         if is_soft(b) and a["rate_per_s"] and b["rate_per_s"]
     ]
-    times = [b["seat_s"] / a["seat_s"] for a, b in pairs if a["seat_s"] and b["seat_s"]]
+    times = time_ratios(pairs)
     return {
         "variant": variant,
         "size": size or "all",
         **totals(chosen),
         "rate_change_soft": float(np.mean(rates)) if rates else None,
+        "timed": len(times),
         "time_ratio": float(np.mean(times)) if times else None,
         "time_ratio_most": float(np.max(times)) if times else None,
     }

@@ -9,11 +9,17 @@ from typing import Any
 import numpy as np
 
 from vgroove.control_bench import screwing
-from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.draw import (
+    TAIL,
+    DrawnPart,
+    Span,
+    drawn_cells,
+    drawn_tool,
+    failure_interval,
+)
 from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
 from vgroove.rig import Rig
 
-PART = 4  # number of this part in draw.drawn_cells
 SPANS = {
     "trigger": Span(0.5, 1.0),
     "size": Span(0, len(screwing.SIZES)),
@@ -36,7 +42,7 @@ def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` screws in each half, for the nominal tool and for tools that are off."""
     return [
         {**cell, "size": screwing.SIZES[int(cell["size"])], "knot": bool(int(cell["knot"]))}
-        for cell in drawn_cells(PART, SPANS, draws)
+        for cell in drawn_cells(DrawnPart.SCREWING, SPANS, draws)
     ]
 
 
@@ -100,6 +106,7 @@ def compare(rows: Sequence[Figures], variant: str) -> Figures:
         ]
     )
     error = NORMAL_95 * float(changes.std(ddof=1)) / np.sqrt(len(changes))
+    past = [row["past_deg"] for row in here if row["seat_s"] is not None]
     stripped = failure_interval(sum(row["stripped"] for row in here), len(here))
     early = failure_interval(sum(row["early"] for row in here), len(here))
     return {
@@ -107,7 +114,7 @@ def compare(rows: Sequence[Figures], variant: str) -> Figures:
         "time_group": slowest_group(rows, variant),
         "rate_low": float(changes.mean() - error),
         "rate_high": float(changes.mean() + error),
-        "past_deg_tail": float(np.quantile([row["past_deg"] for row in here], 1.0 - TAIL)),
+        "past_deg_tail": float(np.quantile(past, 1.0 - TAIL)) if past else None,
         "stripped_low": stripped[0],
         "stripped_high": stripped[1],
         "early_low": early[0],

@@ -28,7 +28,7 @@ SUMMARY = [
     ("stopped before the seat", "early"),
     ("share, 95 % interval from", "early_low"),
     ("to", "early_high"),
-    ("never seated", "never"),
+    ("not seated within the time", "never"),
     ("time with / without, mean", "time_ratio"),
     ("mean of the slowest group", "time_group"),
 ]
@@ -41,6 +41,7 @@ GROUPS = [
     ("past the seat in deg, median", "past_deg_median"),
     ("stripped", "stripped"),
     ("stopped before the seat", "early"),
+    ("not seated within the time", "never"),
     ("time with / without, mean", "time_ratio"),
 ]
 FAILED = [
@@ -54,6 +55,7 @@ FAILED = [
     ("start in rad", "start_rad"),
     ("past the seat in deg", "past_deg"),
     ("turn by a blow in deg", "blow_deg"),
+    ("not seated within the time", "never"),
 ]
 
 
@@ -80,6 +82,7 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
                 ("turn past the seat in deg, median", f["past_deg_median"], f["limit_deg_median"]),
                 ("screws past the end of the ramp", f["stripped"], stripped_limit(f["screws"])),
                 ("share stopped before the seat", f["early"] / f["screws"], GOALS["early"]),
+                ("screws not seated within the time", f["never"], 0),
                 ("time to seat with / without, mean", f["time_ratio"], GOALS["time"]),
                 ("the same, slowest group", f["time_group"], GOALS["time"]),
             )
@@ -97,7 +100,11 @@ def screwing_drawn_report(rows: Sequence[Figures]) -> Report:
     found = summaries(chosen, screwing_drawn.compare, (*STRATA, ALL))
     grouped = groups(chosen)
     listed = goals(found)
-    failed = [r for r in chosen if r["variant"] != PLAIN.name and (r["stripped"] or r["early"])]
+    failed = [
+        row
+        for row in chosen
+        if row["variant"] != PLAIN.name and (row["stripped"] or row["early"] or row["never"])
+    ]
     tables = [
         table_from_dicts(
             "screwing_drawn_summary", "Precise screwing, drawn screws", SUMMARY, found
@@ -106,7 +113,7 @@ def screwing_drawn_report(rows: Sequence[Figures]) -> Report:
         goals_table("screwing_drawn", listed),
         table_from_dicts(
             "screwing_drawn_failed",
-            "Screws stopped before the seat or past the end of the ramp",
+            "Screws stopped before the seat, past the end of the ramp, or not seated",
             FAILED,
             sorted(failed, key=lambda row: row["past_deg"]),
         ),

@@ -27,7 +27,7 @@ SUMMARY = [
     ("limit in deg, median", "limit_deg_median"),
     ("stripped", "stripped"),
     ("stopped before the seat", "early"),
-    ("never seated", "never"),
+    ("not seated within the time", "never"),
     ("time to seat in s", "seat_s_median"),
     ("impact rate change, small and soft", "rate_change_soft"),
     ("time with / without, mean", "time_ratio"),
@@ -63,6 +63,7 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
             ("turn past the seat in deg, median", *past),
             ("screws past the end of the ramp", f["stripped"], 0),
             ("share stopped before the seat", f["early"] / f["screws"], limits["early"]),
+            ("screws not seated within the time", f["never"], 0),
             ("time to seat with / without, mean", f["time_ratio"], limits["time"]),
         )
     return listed

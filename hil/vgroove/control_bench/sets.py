@@ -8,6 +8,7 @@ from typing import Any
 
 SETS = ("tune", "report")
 SUPPLIES_V = (16.0, 17.5, 18.5, 20.5)
+SEED_BASE = 31  # more than the values of any quantity of a cell
 
 
 def half_of(row: int, column: int) -> str:
@@ -22,10 +23,15 @@ def halved(rows: Sequence[Any], columns: Sequence[Any]) -> list[tuple[str, Any, 
 
 
 def seed_of(half: str, *numbers: int) -> int:
-    """A seed for the numbers of a cell; the seeds of the two halves differ (odd and even)."""
+    """A seed for the numbers of a cell, each in 0..SEED_BASE - 1 but the first, which may be of any
+    size, as the number of a draw. No two lists of the same length have the same seed; those of the
+    two halves differ (odd and even). ValueError for a number out of range.
+    """
+    if min(numbers) < 0 or max(numbers[1:], default=0) >= SEED_BASE:
+        raise ValueError(f"numbers of a cell must lie in 0..{SEED_BASE - 1}: {numbers}")
     seed = 0
     for number in numbers:
-        seed = 31 * seed + number
+        seed = SEED_BASE * seed + number
     return 2 * seed + SETS.index(half) + 1
 
 

@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.draw import (
+    TAIL,
+    DrawnPart,
+    Span,
+    drawn_cells,
+    drawn_tool,
+    failure_interval,
+)
 from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
 from vgroove.control_bench.runs import PULL_S, pull, reference, sil_run
 from vgroove.control_bench.scores import sync_figures
@@ -15,7 +22,6 @@ from vgroove.control_bench.sync import SECONDS, SETTLE_S, VARIANTS
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 
-PART = 2  # number of this part in draw.drawn_cells
 SPANS = {"slip_nm": Span(5.0, 100.0)}
 DRAWS = 24  # cells of a half and stratum
 TRUTH_EVERY = 31  # PWM periods: about 1 ms
@@ -28,7 +34,7 @@ STEADY_S, STEADY_SECONDS = 2.5, 5.0  # the controller has searched a level; leng
 
 def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` cells in each half, for the nominal tool and for tools that are off."""
-    return drawn_cells(PART, SPANS, draws)
+    return drawn_cells(DrawnPart.SYNC, SPANS, draws)
 
 
 def joint(cell: Mapping[str, Any]) -> Rig:

@@ -44,7 +44,7 @@ def cells(runs: int = RUNS) -> list[dict[str, Any]]:
     ):
         half = half_of(t, s)
         found.append(
-            {"set": half, "target_nm": target_nm, "slope": slope, "seed": seed_of(half, t, s, n)}
+            {"set": half, "target_nm": target_nm, "slope": slope, "seed": seed_of(half, n, t, s)}
         )
     return found
 
@@ -210,6 +210,11 @@ def jobs(
     return found
 
 
+def sample_std(values: np.ndarray) -> float | None:
+    """Standard deviation of a sample (n,), with n - 1 degrees of freedom; None of fewer than 2."""
+    return float(values.std(ddof=1)) if len(values) > 1 else None
+
+
 def cell_figures(
     rows: Sequence[Figures], target_nm: float, slope: float, variant: str
 ) -> Figures | None:
@@ -234,7 +239,7 @@ def cell_figures(
         "variant": variant,
         "runs": len(chosen),
         "refused_or_missed": len(chosen) - len(done),
-        "std": float(done.std() / target_nm) if len(done) > 1 else None,
+        "std": sample_std(done / target_nm),
         "mean_error": float(done.mean() / target_nm - 1.0) if len(done) else None,
         "least_nm": float(done.min()) if len(done) else None,
         "most_nm": float(done.max()) if len(done) else None,
@@ -279,9 +284,10 @@ def alpha(share: np.ndarray) -> Figures:
     """Tightening factor F_max / F_min of VDI 2230 of torques (n,) over their targets: of the torque
     alone (mean +- 2 sigma), and with the friction of a bolt from least to largest.
     """
-    if len(share) < 2:
+    std = sample_std(share)
+    if std is None:
         return {"alpha_torque": None, "alpha": None}
-    of_torque = float((share.mean() + 2 * share.std()) / (share.mean() - 2 * share.std()))
+    of_torque = float((share.mean() + 2 * std) / (share.mean() - 2 * std))
     return {
         "alpha_torque": of_torque,
         "alpha": of_torque * lever_m(FRICTIONS[-1]) / lever_m(FRICTIONS[0]),

@@ -10,12 +10,11 @@ import numpy as np
 from vgroove.adapt.level_scale import level_scale
 from vgroove.adapt.torque_map_file import flash_bytes, torque_map
 from vgroove.control_bench import torque_drawn
-from vgroove.control_bench.draw import DRIVE, NOMINAL, SEEDS, TOOL, drawn, drawn_tool
+from vgroove.control_bench.draw import DRIVE, NOMINAL, SEEDS, TOOL, DrawnPart, drawn, drawn_tool
 from vgroove.control_bench.jobs import Figures, Job, Variant
 from vgroove.control_bench.runs import reference
 from vgroove.control_bench.sets import SETS
 
-PART = 3  # number of this part among the draws of the bench
 TOOLS = 18  # of a half: a map takes more than a minute of processor time
 UNADAPTED, ADAPTED = "tool off, unadapted", "tool off, adapted"
 STRATA = (NOMINAL, UNADAPTED, ADAPTED)
@@ -24,7 +23,7 @@ MAP = Variant("torque map")
 
 def tools(half: str) -> list[dict[str, float]]:
     """The tools of a half: shares of the nominal values, and the friction of the grooves."""
-    return drawn(TOOL, TOOLS, (SEEDS[half], PART, 0))
+    return drawn(TOOL, TOOLS, (SEEDS[half], DrawnPart.TORQUE_ADAPTED, 0))
 
 
 def cells(draws: int = torque_drawn.DRAWS) -> list[dict[str, Any]]:
@@ -32,7 +31,7 @@ def cells(draws: int = torque_drawn.DRAWS) -> list[dict[str, Any]]:
     found = []
     count = draws * len(torque_drawn.TARGETS_NM)
     for half in SETS:
-        seeds = (SEEDS[half], PART, 1)
+        seeds = (SEEDS[half], DrawnPart.TORQUE_ADAPTED, 1)
         own = tools(half)
         order = np.random.default_rng(list(seeds)).permutation(count) % TOOLS
         for k, values in enumerate(drawn({**DRIVE, **torque_drawn.SPANS}, count, seeds)):

@@ -8,15 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.control_bench.draw import TAIL, Span, drawn_cells, drawn_tool, failure_interval
+from vgroove.control_bench.draw import (
+    TAIL,
+    DrawnPart,
+    Span,
+    drawn_cells,
+    drawn_tool,
+    failure_interval,
+)
 from vgroove.control_bench.jobs import Figures, Job, Variant
 from vgroove.control_bench.runs import pull, sil_run
-from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of
+from vgroove.control_bench.torque import REASONS_REFUSED, DriveEnd, reason_of, sample_std
 from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
 
-PART = 1  # number of this part in draw.drawn_cells
 FIRST_NM, LAST_NM = 40, 120  # range of torque_target_nm
 TARGETS_NM = tuple(range(FIRST_NM, LAST_NM + 1))
 SPANS = {
@@ -31,6 +37,7 @@ DRAWS = 2  # of each target in a half and stratum
 MAX_SECONDS = 16.0  # more than the firmware's time limits together
 GOAL = 0.03  # mean error and standard deviation at a target, of the target
 MISSED = 1 / 16  # a larger error is a miss, which the firmware has to report as one
+BOOTSTRAP_SEED, BOOTSTRAP_DRAWS = 1, 2000  # of the interval of a mean
 CONTROLLER = Variant("torque", "torque")
 
 
@@ -51,7 +58,7 @@ def cells(draws: int = DRAWS) -> list[dict[str, Any]]:
     """`draws` cells of each target in each half, for the nominal tool and for tools that are
     off.
     """
-    found = drawn_cells(PART, SPANS, draws * len(TARGETS_NM))
+    found = drawn_cells(DrawnPart.TORQUE, SPANS, draws * len(TARGETS_NM))
     return [{**cell, "target_nm": float(int(cell["target_nm"]))} for cell in found]
 
 
@@ -118,34 +125,71 @@ def missed_reported_reached(row: Figures) -> bool:
 
 def target_figures(rows: Sequence[Figures]) -> list[Figures]:
     """Each target of a stratum: mean error, standard deviation and largest error of the drives
-    reported as reached, misses that were not reported, and whether the goals are met.
+    reported as reached, misses that were not reported, and whether the goals are met. A target has
+    a standard deviation, and can meet the goals, from two drives reported as reached on.
     """
     found = []
     for target in sorted({row["target_nm"] for row in rows}):
         here = [row for row in rows if row["target_nm"] == target]
         errors = np.array([row["error"] for row in here if reached(row)])
-        figures: Figures = {
-            "target_nm": target,
-            "runs": len(here),
-            "reached": len(errors),
-            "missed_reported_reached": sum(missed_reported_reached(row) for row in here),
-            "mean_error": float(errors.mean()) if len(errors) else None,
-            "std": float(errors.std()) if len(errors) else None,
-            "worst": float(errors[np.argmax(abs(errors))]) if len(errors) else None,
-        }
-        met = not len(errors) or max(abs(errors.mean()), errors.std()) <= GOAL
-        found.append({**figures, "met": bool(met and not figures["missed_reported_reached"])})
+        std = sample_std(errors)
+        untold = sum(missed_reported_reached(row) for row in here)
+        within = std is not None and max(abs(errors.mean()), std) <= GOAL
+        found.append(
+            {
+                "target_nm": target,
+                "runs": len(here),
+                "reached": len(errors),
+                "missed_reported_reached": untold,
+                "mean_error": float(errors.mean()) if len(errors) else None,
+                "std": std,
+                "worst": float(errors[np.argmax(abs(errors))]) if len(errors) else None,
+                "met": bool(within and not untold),
+            }
+        )
     return found
 
 
+def units(rows: Sequence[Figures]) -> list[list[Figures]]:
+    """The rows in groups that were drawn independently of each other: the drives of one tool that
+    is off are a group, since its deviation is the same in all of them; each drive of the nominal
+    tool is one.
+    """
+    found: dict[Any, list[Figures]] = {}
+    for number, row in enumerate(rows):
+        tool = row.get("tool")
+        found.setdefault(tuple(sorted(tool.items())) if tool else number, []).append(row)
+    return list(found.values())
+
+
+def mean_interval(groups: Sequence[Sequence[Figures]]) -> tuple[float, float] | None:
+    """95 % interval of the mean error of the drives reported as reached, by the cluster bootstrap
+    over groups of rows (Davison and Hinkley 1997, section 3.8); None of fewer than two groups.
+    """
+    errors = [[row["error"] for row in group if reached(row)] for group in groups]
+    sums = np.array([sum(group) for group in errors if group])
+    counts = np.array([len(group) for group in errors if group])
+    if len(sums) < 2:
+        return None
+    random = np.random.default_rng(BOOTSTRAP_SEED)
+    drawn = random.integers(0, len(sums), (BOOTSTRAP_DRAWS, len(sums)))
+    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    return float(low), float(high)
+
+
 def compare(rows: Sequence[Figures]) -> Figures:
-    """A stratum: mean, standard deviation, adverse quantiles and worst error of the drives reported
-    as reached; those beyond GOAL; misses that were not reported, with the 95 % interval of their
-    share; targets that meet the goals.
+    """A stratum: mean with its 95 % interval, standard deviation, adverse quantiles and worst error
+    of the drives reported as reached; those beyond GOAL; misses that were not reported; `units`
+    drawn independently of each other, those of them with such a miss, and the 95 % interval of
+    their share; targets that meet the goals, and those without a standard deviation: no drive
+    reported as reached, or a single one.
     """
     errors = np.array([row["error"] for row in rows if reached(row)])
     failures = sum(missed_reported_reached(row) for row in rows)
-    low, high = failure_interval(failures, len(rows))
+    groups = units(rows)
+    failed = sum(any(map(missed_reported_reached, group)) for group in groups)
+    low, high = failure_interval(failed, len(groups))
     targets = target_figures(rows)
     false_alarms = [row for row in rows if not reached(row) and abs(row["error"]) <= GOAL]
     figures: Figures = {
@@ -154,17 +198,24 @@ def compare(rows: Sequence[Figures]) -> Figures:
         "false_alarms": len(false_alarms),
         "beyond_goal": int((abs(errors) > GOAL).sum()),
         "missed_reported_reached": failures,
+        "units": len(groups),
+        "units_failed": failed,
         "missed_reported_reached_low": low,
         "missed_reported_reached_high": high,
         "targets": len(targets),
         "targets_met": sum(target["met"] for target in targets),
+        "targets_not_reached": sum(target["reached"] == 0 for target in targets),
+        "targets_reached_once": sum(target["reached"] == 1 for target in targets),
     }
     if not len(errors):
         return figures
     least, most = np.quantile(errors, [TAIL, 1.0 - TAIL])
+    mean_low, mean_high = mean_interval(groups) or (None, None)
     return figures | {
         "mean_error": float(errors.mean()),
-        "std": float(errors.std()),
+        "mean_error_low": mean_low,
+        "mean_error_high": mean_high,
+        "std": sample_std(errors),
         "quantile_low": float(least),
         "quantile_high": float(most),
         "worst": float(errors[np.argmax(abs(errors))]),
