@@ -278,7 +278,7 @@ def _check_header(
     the header names the time, an input and another measured signal, each once.
     """
     header, where = dialect.header, f"{path}: line {dialect.header_line}"
-    if any(map(is_number, header)):
+    if any(map(is_number, header)) and not dialect.units:
         number = next(k for k, name in enumerate(header) if is_number(name))
         raise VgrooveError(
             f"{where}, column {number + 1}: no header: {header[number]} is a number, not a name."
@@ -309,6 +309,8 @@ class _CellReader:
     def __init__(self, path: Path, lines: list[int]) -> None:
         self._path, self._lines = path, lines
 
+    if dialect.lines_below:
+        warnings.append(f"{where}: {dialect.lines_below} lines of words below it are left out.")
     def numbers(self, name: str, cells: Sequence[str]) -> np.ndarray:
         """Cells of a column as floats (n,), NaN for empty ones; VgrooveError for the first cell
         that is no number or infinite.

@@ -1,0 +1,69 @@
+"""Logs as loggers, oscilloscopes and other programs export them: heads of several lines, comments,
+names that are there twice, cells with units, dates, several devices, CAN frames of other devices.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from test_log_formats import FOREIGN, foreign, own, refused, same, sample, text_of
+from vgroove.log import column_map, read_log
+
+NAMES = [f"{e.split('=')[0].split(':')[0]}={e.split('=')[1]}" for e in FOREIGN]  # without units
+
+
+def rows_of(columns: dict[str, np.ndarray]) -> list[list[str]]:
+    """Cells of the rows of a file."""
+    return [line.split(",") for line in text_of(columns).splitlines()[1:]]
+
+
+def written(path: Path, rows: list[list[str]], *head: str, separator: str = ",") -> Path:
+    """A file of lines before the rows, and rows."""
+    lines = [*head, *(separator.join(row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def in_ms_and_ma() -> list[list[str]]:
+    """Rows of time in ms, duty, current in mA and speed in rad/s: the columns of FOREIGN."""
+    return rows_of(foreign(sample()))
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        ["Time,U_cmd,I_motor,n", "ms,,mA,rad/s", "Smp,Smp,Avg,Smp"],
+        ["Time,U_cmd,I_motor,n", "float,float,float,float", "ms,-,mA,rad/s"],
+        ["ms,,mA,rad/s", "Time,U_cmd,I_motor,n"],
+        ["type,y,y,y", "path,,Model/i,Model/n", "ms,-,mA,rad/s", "Time,U_cmd,I_motor,n"],
+        ['"TOA5","CR1","12"', "Time,U_cmd,I_motor,n", "ms,,mA,rad/s", ",Smp,Avg,Smp"],
+        ["Logger;;;", "Rate,500,Hz,", "", "Time,U_cmd,I_motor,n", "ms,,mA,rad/s"],
+        ["Model,MSO44", "Label,duty,current,speed", "Time,U_cmd,I_motor,n", "ms,,mA,rad/s"],
+    ],
+)
+def test_the_names_are_the_line_of_a_head_that_names_each_column(
+    tmp_path: Path, head: list[str]
+) -> None:
+    path = written(tmp_path / "a.csv", in_ms_and_ma(), *head)
+    assert same(read_log(path, column_map(NAMES)), sample(), 1e-9)
+
+
+def test_lines_of_words_below_the_names_are_named_in_a_warning(tmp_path: Path) -> None:
+    head = ("time_s,duty,current_a,speed_rpm", "mean,mean,rms,mean")
+    log = read_log(written(tmp_path / "a.csv", rows_of(own(sample())), *head))
+    assert same(log, sample())
+    assert ["1 lines of words below it" in warning for warning in log.warnings] == [True]
+
+
+def test_channels_may_be_named_by_numbers_above_a_line_of_units(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", in_ms_and_ma(), "x-axis,1,2,3", "ms,V,mA,rad/s")
+    entries = ["x-axis=time_s", "1:1=duty", "2=current_a", "3=speed_rpm"]
+    assert same(read_log(path, column_map(entries)), sample(), 1e-9)
+    refused(written(path, in_ms_and_ma(), "x-axis,1,2,3"), "no header")
+
+
+def test_names_in_a_comment_stand_above_rows_with_a_text(tmp_path: Path) -> None:
+    rows = [[*row[:2], "base_link", *row[2:]] for row in in_ms_and_ma()]
+    path = written(tmp_path / "a.csv", rows, "%Time,U_cmd,frame_id,I_motor,n")
+    assert same(read_log(path, column_map(list(FOREIGN))), sample(), 1e-9)
