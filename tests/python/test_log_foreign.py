@@ -67,3 +67,29 @@ def test_names_in_a_comment_stand_above_rows_with_a_text(tmp_path: Path) -> None
     rows = [[*row[:2], "base_link", *row[2:]] for row in in_ms_and_ma()]
     path = written(tmp_path / "a.csv", rows, "%Time,U_cmd,frame_id,I_motor,n")
     assert same(read_log(path, column_map(list(FOREIGN))), sample(), 1e-9)
+
+
+def test_the_same_times_beside_each_signal_are_one_column(tmp_path: Path) -> None:
+    rows = [[time, duty, time, current, time, n] for time, duty, current, n in in_ms_and_ma()]
+    head = "Time,U_cmd,Time,I_motor,Time,n"
+    path = written(tmp_path / "a.csv", rows, head)
+    assert same(read_log(path, column_map(list(FOREIGN))), sample(), 1e-9)
+    rows[40][4] = "40.5"
+    refused(
+        written(path, rows, head),
+        *("line 1", "Time appears 3 times, with other values", "a name of its own"),
+        columns=column_map(list(FOREIGN)),
+    )
+
+
+def test_names_that_a_restarted_logger_writes_again_are_left_out(tmp_path: Path) -> None:
+    names, *lines = text_of(own(sample())).splitlines()
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([names, *lines[:30], names, *lines[30:60], names, *lines[60:], ""]))
+    log = read_log(path)
+    assert same(log, sample())
+    assert ["line 32: holds the names again" in w and "1 others" in w for w in log.warnings] == [
+        True
+    ]
+    path.write_text("\n".join([names, *lines, names, *lines, ""]))
+    refused(path, "line 83", "goes back once", "each recording as a log of its own")

@@ -27,6 +27,7 @@ from vgroove.log.csv_cells import (
     is_whole,
     refuse_second_time,
     refuse_thousands,
+    refuse_two_of_a_name,
 )
 from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, with_point
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
@@ -79,6 +80,11 @@ def _read(path: Path, columns: ColumnMap) -> Log:
             lines[part], table[:, part] = chunk.lines, chunk.values
     if whole.cut_line:
         warnings.append(f"{path}: line {whole.cut_line}: is left out: {whole.reason}.")
+    if rows.repeated:
+        warnings.append(
+            f"{path}: line {rows.repeated[0]}: holds the names again and is left out"
+            + (f", as are {len(rows.repeated) - 1} others." if rows.repeated[1:] else ".")
+        )
     text = Table(path, dialect, lambda: _text(path))
     _refuse_cells(text, {k: table[n, :count] for n, k in enumerate(known)})
     values = dict(zip(places, table[:, :count], strict=True))
@@ -107,6 +113,8 @@ def _converted(
 
 def _refuse_cells(table: Table, columns: dict[int, np.ndarray]) -> None:
     """VgrooveError for columns (rows,), by number, whose cells mean other numbers or times."""
+    for name in {table.dialect.header[k] for k in columns}:
+        refuse_two_of_a_name(table, name)
     for k, values in columns.items():
         refuse_thousands(table, k, values)
     refuse_second_time(table, columns)
@@ -172,11 +180,13 @@ class _Chunk:
 
 class _Rows:
     """The rows of an open file (newline="") of a dialect, read in chunks of CHUNK_LINES lines.
-    dates: whether the column `time_name` holds dates, which become seconds.
+    dates: whether the column `time_name` holds dates, which become seconds. repeated: the lines
+    that hold the names again, as a logger writes them when it starts again.
     """
 
     def __init__(self, path: Path, file: Iterable[str], dialect: Dialect, time_name: str) -> None:
         self.dates, self._time_name = False, time_name
+        self.repeated: list[int] = []
         self._path, self._file, self._line = path, iter(file), dialect.skipped
         self.header, self._delimiter = dialect.header, dialect.delimiter
         for _ in range(dialect.skipped):
@@ -264,7 +274,9 @@ class _Rows:
                 self._line = before + reader.line_num
                 if row is None:
                     return
-                if is_row(row):
+                if tuple(cell.strip() for cell in row) == self.header:
+                    self.repeated.append(self._line)
+                elif is_row(row):
                     yield self._line, row
         except csv.Error as error:
             line = before + reader.line_num
@@ -285,9 +297,6 @@ def _check_header(
         )
     places = columns.places(where, header)
     used = {place.name for place in places.values()}
-    for name in used:
-        if header.count(name) > 1:
-            raise VgrooveError(f"{where}: the column {name} appears {header.count(name)} times.")
     unknown = [name for name in header if name not in used]
     if len(header) == 1:
         raise VgrooveError(
@@ -300,6 +309,8 @@ def _check_header(
     ]
     if dialect.head_lines:
         warnings.append(f"{where}: {dialect.head_lines} lines before the names are left out.")
+    if dialect.lines_below:
+        warnings.append(f"{where}: {dialect.lines_below} lines of words below it are left out.")
     return places, warnings
 
 
@@ -309,8 +320,6 @@ class _CellReader:
     def __init__(self, path: Path, lines: list[int]) -> None:
         self._path, self._lines = path, lines
 
-    if dialect.lines_below:
-        warnings.append(f"{where}: {dialect.lines_below} lines of words below it are left out.")
     def numbers(self, name: str, cells: Sequence[str]) -> np.ndarray:
         """Cells of a column as floats (n,), NaN for empty ones; VgrooveError for the first cell
         that is no number or infinite.
