@@ -93,3 +93,41 @@ def test_names_that_a_restarted_logger_writes_again_are_left_out(tmp_path: Path)
     ]
     path.write_text("\n".join([names, *lines, names, *lines, ""]))
     refused(path, "line 83", "goes back once", "each recording as a log of its own")
+
+
+def drive(rows: int, rate: float) -> dict[str, np.ndarray]:
+    """A smooth run with noise; `rate` is its angular frequency, rad a row."""
+    rng, wave = np.random.default_rng(rows), np.sin(rate * np.arange(rows))
+    return {
+        "time_s": np.arange(1, rows + 1) / 1000,
+        "duty": 0.5 * wave,
+        "current_a": 5.0 * wave + rng.normal(0.0, 0.15, rows),
+        "speed_rpm": 1e4 * wave + rng.normal(0.0, 3.0, rows),
+    }
+
+
+def in_turns(devices: int, shift_s: float, rows: int = 600) -> list[list[str]]:
+    """Rows of several devices in turns, each with the name of its device."""
+    runs = [rows_of(drive(rows, 0.01 * (k + 1))) for k in range(devices)]
+    return [
+        [f"node{k}", f"{float(time) + k * shift_s:.6f}", *others]
+        for row in zip(*runs, strict=True)
+        for k, (time, *others) in enumerate(row)
+    ]
+
+
+@pytest.mark.parametrize(("devices", "shift_s"), [(2, 0.0), (2, 0.0005), (3, 0.0001), (5, 0.0)])
+def test_rows_of_several_devices_are_refused(tmp_path: Path, devices: int, shift_s: float) -> None:
+    head = "node,time_s,duty,current_a,speed_rpm"
+    path = written(tmp_path / "a.csv", in_turns(devices, shift_s), head)
+    refused(path, "column node", "'node0', 'node1'", "several devices", "a log of its own")
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.3, 0.8])
+@pytest.mark.parametrize("period", [2, 3, 7])
+def test_a_counter_or_a_state_divides_no_rows_of_one_device(
+    tmp_path: Path, rate: float, period: int
+) -> None:
+    rows = [[str(k % period), *row] for k, row in enumerate(rows_of(drive(600, rate)))]
+    path = written(tmp_path / "a.csv", rows, "frame,time_s,duty,current_a,speed_rpm")
+    assert len(read_log(path)) == 600

@@ -32,6 +32,7 @@ from vgroove.log.csv_cells import (
 from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, with_point
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
+from vgroove.log.several_devices import refuse_several_devices
 from vgroove.log.table import Log, check_columns, checked
 from vgroove.log.units_of_columns import TIME_COLUMN
 from vgroove.output import write_bytes
@@ -86,7 +87,8 @@ def _read(path: Path, columns: ColumnMap) -> Log:
             + (f", as are {len(rows.repeated) - 1} others." if rows.repeated[1:] else ".")
         )
     text = Table(path, dialect, lambda: _text(path))
-    _refuse_cells(text, {k: table[n, :count] for n, k in enumerate(known)})
+    time = dialect.header.index(places[TIME_COLUMN].name)
+    _refuse_cells(text, {k: table[n, :count] for n, k in enumerate(known)}, time)
     values = dict(zip(places, table[:, :count], strict=True))
     if rows.dates:
         refuse_unit_of_dates(places[TIME_COLUMN], str(path))
@@ -111,13 +113,16 @@ def _converted(
     return found, factors[TIME_COLUMN]
 
 
-def _refuse_cells(table: Table, columns: dict[int, np.ndarray]) -> None:
-    """VgrooveError for columns (rows,), by number, whose cells mean other numbers or times."""
+def _refuse_cells(table: Table, columns: dict[int, np.ndarray], time: int) -> None:
+    """VgrooveError for columns (rows,), by number, whose cells mean other numbers or times, or rows
+    of several devices; `time` is the number of the times.
+    """
     for name in {table.dialect.header[k] for k in columns}:
         refuse_two_of_a_name(table, name)
     for k, values in columns.items():
         refuse_thousands(table, k, values)
     refuse_second_time(table, columns)
+    refuse_several_devices(table, columns, time)
 
 
 def _dialect(path: Path) -> Dialect:
