@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from test_log_formats import FOREIGN, foreign, own, refused, same, sample, text_of
-from vgroove.log import column_map, read_log
+from vgroove.errors import VgrooveError
+from vgroove.gap.log_check import check_log
+from vgroove.log import as_log, column_map, current_is_unsigned, read_log
+from vgroove.log.table import standstill_offset
 
 NAMES = [f"{e.split('=')[0].split(':')[0]}={e.split('=')[1]}" for e in FOREIGN]  # without units
 
@@ -131,3 +134,44 @@ def test_a_counter_or_a_state_divides_no_rows_of_one_device(
     rows = [[str(k % period), *row] for k, row in enumerate(rows_of(drive(600, rate)))]
     path = written(tmp_path / "a.csv", rows, "frame,time_s,duty,current_a,speed_rpm")
     assert len(read_log(path)) == 600
+
+
+def shifted() -> list[list[str]]:
+    """Rows with the duty as a pulse of 1000 to 2000 us and the current in counts around 512."""
+    return [
+        [time, f"{1500 + 500 * float(duty):.10g}", f"{512 + 40 * float(current):.10g}", speed]
+        for time, duty, current, speed in rows_of(own(sample()))
+    ]
+
+
+def test_a_value_that_stands_for_zero_is_subtracted(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", shifted(), "time_s,pulse,adc,speed_rpm")
+    entries = ["pulse:0.002 from 1500=duty", "adc:0.025 A from 512=current_a"]
+    assert same(read_log(path, column_map(entries)), sample(), 1e-9)
+    (tmp_path / "map.toml").write_text(
+        'schema = "vgroove.map/1"\n[columns]\nduty = "pulse:0.002 from 1.5e3"\n'
+        'current_a = { name = "adc", unit = "25 mA from 512" }\n'
+    )
+    assert same(read_log(path, column_map(path=tmp_path / "map.toml")), sample(), 1e-9)
+    raw = read_log(path, column_map(["pulse:from 1500=duty", "adc=current_a"]))
+    assert np.allclose(raw["duty"], 500 * sample()["duty"])
+    with pytest.raises(VgrooveError, match="no unit of current_a"):
+        column_map(["adc:counts from 512=current_a"])
+
+
+def test_a_pulse_width_is_refused_with_the_option_that_subtracts_its_zero(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", shifted(), "time_s,pulse,current_a,speed_rpm")
+    check = check_log(read_log(path, column_map(["pulse=duty"])))
+    assert ['--map "pulse:FACTOR from ZERO=duty"' in f.text for f in check.findings if f.refuses]
+
+
+def test_counts_around_the_middle_of_a_converter_are_no_unsigned_current() -> None:
+    run = drive(600, 0.02)
+    run["duty"][:100] = 0.0
+    run["speed_rpm"][:100] *= 1e-4  # noise at rest
+    run["current_a"] = 512 + 5 * np.where(np.arange(600) < 100, 0.0, run["current_a"])
+    log = as_log(run)
+    assert standstill_offset(log) == 512
+    assert ["at standstill" in warning for warning in log.warnings] == [True]
+    log = as_log({name: values[100:] for name, values in run.items()})
+    assert not current_is_unsigned(log) and log.warnings == []

@@ -109,7 +109,7 @@ def _converted(
         column: factor_of(place, column, units.get(place.name, ""), str(table.path), warnings)
         for column, place in places.items()
     }
-    found = {c: v if factors[c] == 1.0 else v * factors[c] for c, v in values.items()}
+    found = {c: places[c].scaled(v, factors[c]) for c, v in values.items()}
     return found, factors[TIME_COLUMN]
 
 

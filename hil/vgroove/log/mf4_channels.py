@@ -82,7 +82,7 @@ def _channel(source: Source, column: str, place: Place) -> Channel:
     """A log column of the file, in the unit of the log."""
     signal, times = _signal(source, place.name)
     factor = factor_of(place, column, signal.unit, str(source.path), source.warnings)
-    return Channel(place.name, column, times, signal.samples.astype(float) * factor)
+    return Channel(place.name, column, times, place.scaled(signal.samples.astype(float), factor))
 
 
 def _signal(source: Source, name: str) -> tuple[Any, np.ndarray]:

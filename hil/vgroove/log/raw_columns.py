@@ -71,7 +71,7 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
         unit = raw.units.get(place.name, "")
         factor = factor_of(place, column, unit, raw.source, warnings)
         tick_s = factor if column == TIME_COLUMN else tick_s
-        found[column] = values * factor
+        found[column] = place.scaled(values, factor)
     time_s = found.pop(TIME_COLUMN)
     for column, values in found.items():
         if len(values) != len(time_s):
