@@ -175,3 +175,39 @@ def test_counts_around_the_middle_of_a_converter_are_no_unsigned_current() -> No
     assert ["at standstill" in warning for warning in log.warnings] == [True]
     log = as_log({name: values[100:] for name, values in run.items()})
     assert not current_is_unsigned(log) and log.warnings == []
+
+
+DATES = {
+    "German": "31.03.2026 12:{:02d}:{:06.3f}",
+    "German, decimal comma": "31.03.2026 12:{:02d}:{:06.3f}",
+    "slashes": "2026/03/31 12:{:02d}:{:06.3f}",
+    "American": "3/31/2026 11:{:02d}:{:06.3f} PM",
+    "day of the month first": "31/3/2026 11:{:02d}:{:06.3f}",
+    "half days": "12:{:02d}:{:06.3f} AM",
+    "minutes": "{:02d}:{:06.3f}",
+    "colon before the milliseconds": "12:{:02d}:{:06.3f}",
+}
+
+
+@pytest.mark.parametrize("form", DATES)
+def test_dates_and_times_of_day_are_read_in_usual_forms(tmp_path: Path, form: str) -> None:
+    stamps = [DATES[form].format(7, 59.95 + t - 60.0 * (t >= 0.05)) for t in sample().time_s]
+    stamps = [
+        stamp if t < 0.05 else stamp.replace("07:", "08:", 1)
+        for t, stamp in zip(sample().time_s, stamps, strict=True)
+    ]
+    if "comma" in form:
+        stamps = [stamp[:-4] + "," + stamp[-3:] for stamp in stamps]
+    if "colon" in form:
+        stamps = [":".join(stamp.rsplit(".", 1)) for stamp in stamps]
+    rows = [[s, *row[1:]] for s, row in zip(stamps, rows_of(own(sample())), strict=True)]
+    head = "time_s;duty;current_a;speed_rpm"
+    log = read_log(written(tmp_path / "a.csv", rows, head, separator=";"))
+    assert np.allclose(log.time_s, sample().time_s - sample().time_s[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("stamp", ["4/3/2026 12:00:00", "31.02.2026 12:00:00", "13:00:00 PM"])
+def test_a_date_that_may_be_another_day_is_refused(tmp_path: Path, stamp: str) -> None:
+    rows = [[stamp, *row[1:]] for row in rows_of(own(sample()))]
+    path = written(tmp_path / "a.csv", rows, "time_s,duty,current_a,speed_rpm")
+    refused(path, "line 2", "2026-03-31 12:00:00.001")
