@@ -211,3 +211,49 @@ def test_a_date_that_may_be_another_day_is_refused(tmp_path: Path, stamp: str) -
     rows = [[stamp, *row[1:]] for row in rows_of(own(sample()))]
     path = written(tmp_path / "a.csv", rows, "time_s,duty,current_a,speed_rpm")
     refused(path, "line 2", "2026-03-31 12:00:00.001")
+
+
+def test_cells_may_end_in_a_unit(tmp_path: Path) -> None:
+    units, head = (" sec", " %", "mA", " rpm"), "Time,U_cmd,I_motor,n"
+    scales = (1.0, 100.0, 1e3, 1.0)
+    columns = {n: v * s for (n, v), s in zip(own(sample()).items(), scales, strict=True)}
+    rows = [[c + u for c, u in zip(row, units, strict=True)] for row in rows_of(columns)]
+    rows[3][2] = ""
+    log = read_log(written(tmp_path / "a.csv", rows, head), column_map(NAMES))
+    assert np.isnan(log["current_a"][3])
+    log.columns["current_a"][3] = sample()["current_a"][3]
+    assert same(log, sample(), 1e-9)
+    rows[40][2] = "1.2 A"
+    path = written(tmp_path / "a.csv", rows, head)
+    refused(path, "line 42, column I_motor: '1.2 A' is not in mA", columns=column_map(NAMES))
+    rows[0][2] = "12A"  # may be hexadecimal
+    path = written(tmp_path / "a.csv", rows, head)
+    refused(path, "line 2, column I_motor", "not a number", columns=column_map(NAMES))
+
+
+def test_a_unit_in_the_cells_and_another_one_in_the_name_are_refused(tmp_path: Path) -> None:
+    rows = [[t, duty, f"{i} mA", n] for t, duty, i, n in rows_of(own(sample()))]
+    path = written(tmp_path / "a.csv", rows, "time_s,duty,I [A],speed_rpm")
+    refused(path, "column I [A]", "'mA'", columns=column_map(["I [A]=current_a"]))
+
+
+@pytest.mark.parametrize("cell", ["1.#QNAN", "-1.#IND", "-nan(ind)", "NAN", "-nan", "nan(0x8)"])
+def test_nan_of_a_c_library_is_a_missing_sample(tmp_path: Path, cell: str) -> None:
+    rows = rows_of(own(sample()))
+    rows[5][2] = cell
+    log = read_log(written(tmp_path / "a.csv", rows, "time_s,duty,current_a,speed_rpm"))
+    assert np.isnan(log["current_a"][5]) and np.isnan(log["current_a"]).sum() == 1
+
+
+def test_a_minus_sign_is_read_as_a_hyphen(tmp_path: Path) -> None:
+    rows = [[cell.replace("-", "\u2212") for cell in row] for row in rows_of(own(sample()))]
+    path = written(tmp_path / "a.csv", rows, "time_s,duty,current_a,speed_rpm")
+    assert same(read_log(path), sample())
+
+
+@pytest.mark.parametrize("cell", ["#N/A", "#NV", "#DIV/0!"])
+def test_a_failed_cell_of_a_spreadsheet_is_no_comment(tmp_path: Path, cell: str) -> None:
+    rows = [[speed, *others] for *others, speed in rows_of(own(sample()))]
+    rows[5][0] = cell
+    path = written(tmp_path / "a.csv", rows, "speed_rpm,time_s,duty,current_a")
+    refused(path, f"line 7, column speed_rpm: '{cell}' is not a number")

@@ -15,6 +15,11 @@ COMMENTS = ("#", "%")
 HEAD_LINES = 1000  # within which the header is looked for
 MAX_HEAD_ROWS = 5  # lines of words directly above the first row: names, units, types, descriptions
 SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # with which Excel states the separator
+# cells of a spreadsheet that failed, in English and German, which begin as a comment does
+ERROR_CELL = re.compile(r'\s*"?#(?:N/A|NV|NA|DIV/0!|VALUE!|WERT!|NUM!|ZAHL!|REF!|BEZUG!|NAME\?)')
+NAN = re.compile(r"[+-]?(?:1\.#(?:QNAN|SNAN|IND)0*|nan\([a-z0-9]*\))", re.IGNORECASE)  # by C
+HEXADECIMAL = re.compile("[0-9a-fA-F]+")
+MINUS_SIGNS = str.maketrans({"\u2212": "-"})
 NO_UNIT_CELLS = (*NO_UNIT, "%")  # that a line of units may hold for plain numbers
 
 
@@ -23,7 +28,8 @@ class Dialect:
     """Separator of the cells, names of the columns, the line that holds them, the number of lines
     before the first row, the units that a line beside the names states (empty: no such line), the
     number of lines before the names that are no comments (the head that a logger writes), and that
-    of lines of words between the names and the first row.
+    of lines of words between the names and the first row. in_cells: the units that the cells of the
+    first row end in.
     """
 
     delimiter: str
@@ -33,6 +39,7 @@ class Dialect:
     units: tuple[str, ...] = ()
     head_lines: int = 0
     lines_below: int = 0
+    in_cells: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -49,21 +56,31 @@ class _Head:
 
 def is_comment(line: str) -> bool:
     """Whether a line is a comment."""
-    return line.lstrip().startswith(COMMENTS)
+    return line.lstrip().startswith(COMMENTS) and not ERROR_CELL.match(line)
 
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with a decimal point or a decimal comma."""
     try:
-        float(with_point(cell))
+        number_of(cell)
     except ValueError:
         return False
     return True
 
 
+def number_of(cell: str) -> float:
+    """The number of a cell, also NaN as C libraries print it; ValueError for any other text."""
+    try:
+        return float(with_point(cell))
+    except ValueError:
+        if NAN.fullmatch(cell.strip()):
+            return float("nan")
+        raise
+
+
 def with_point(cell: str) -> str:
-    """The cell with a decimal point instead of a decimal comma."""
-    return cell.replace(",", ".")
+    """The cell with a decimal point instead of a decimal comma, and a hyphen as its minus."""
+    return cell.replace(",", ".").translate(MINUS_SIGNS)
 
 
 def detect_dialect(lines: Iterable[str]) -> Dialect | None:
@@ -93,9 +110,12 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
     if not units:
         below = [text for n, text in filled if n > number]
         units = _units_in_comment(below[:1], delimiter, len(head.names))
-    header = _with_index(head.names, rows[head.count : head.count + 2])
-    others = head.count - 1 - bool(head.units) - head.at
-    return Dialect(delimiter, header, number, last, units, before + head.at, max(others, 0))
+    samples = rows[head.count : head.count + 2]
+    header = _with_index(head.names, samples)
+    in_cells = tuple(map(unit_in_cell, samples[0])) if samples else ()
+    units = units or (in_cells if any(in_cells) else ())
+    others = max(head.count - 1 - bool(head.units) - head.at, 0)
+    return Dialect(delimiter, header, number, last, units, before + head.at, others, in_cells)
 
 
 def _head(rows: list[tuple[str, ...]]) -> _Head:
@@ -124,6 +144,17 @@ def _is_words(row: tuple[str, ...], size: int) -> bool:
 def _are_names(row: tuple[str, ...]) -> bool:
     """Whether each cell of a line may be the name of a column of its own."""
     return all(row) and len(set(row)) == len(row) and not any(map(is_number, row))
+
+
+def unit_in_cell(cell: str) -> str:
+    """The unit behind the number of a cell, as in 0.002 sec, 12mA and 5 %; empty without one, and
+    where number and unit may be the digits of a hexadecimal number.
+    """
+    number = NUMBER.match(with_point(cell))
+    unit = cell[number.end() :] if number else ""
+    if not unit.strip() or not is_unit(unit) or HEXADECIMAL.fullmatch(unit):
+        return ""
+    return unit.strip()
 
 
 def _begins_with_number(cell: str) -> bool:
@@ -160,7 +191,8 @@ def _is_head(names: tuple[str, ...], line: str, after: list[str], most: int) -> 
 
 
 def _is_sample(cell: str) -> bool:
-    return not cell or is_number(cell) or seconds_of_date(cell) is not None
+    number = is_number(cell) or bool(unit_in_cell(cell))
+    return not cell or number or seconds_of_date(cell) is not None
 
 
 def _cells(line: str, delimiter: str) -> tuple[str, ...]:

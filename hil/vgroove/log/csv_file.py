@@ -29,7 +29,7 @@ from vgroove.log.csv_cells import (
     refuse_thousands,
     refuse_two_of_a_name,
 )
-from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, with_point
+from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, number_of, with_point
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
 from vgroove.log.several_devices import refuse_several_devices
@@ -194,6 +194,7 @@ class _Rows:
         self.repeated: list[int] = []
         self._path, self._file, self._line = path, iter(file), dialect.skipped
         self.header, self._delimiter = dialect.header, dialect.delimiter
+        self._units = dialect.in_cells
         for _ in range(dialect.skipped):
             next(self._file)
 
@@ -248,6 +249,8 @@ class _Rows:
         if name == self._time_name and cells and LOOKS_LIKE_DATE.match(cells[0].strip()):
             self.dates = True
             return reader.dates(name, cells)
+        if unit := dict(enumerate(self._units)).get(k):
+            cells = reader.without_unit(name, cells, unit)
         return reader.numbers(name, cells)
 
     def _wrong_count(self, line: int, row: list[str]) -> str:
@@ -343,6 +346,18 @@ class _CellReader:
             raise VgrooveError(f"{place}: {cells[at].strip()} is infinite.")
         return values
 
+    def without_unit(self, name: str, cells: Sequence[str], unit: str) -> list[str]:
+        """Cells of a column without the unit that its first cell ends in; VgrooveError for the
+        first filled cell that does not.
+        """
+        for line, cell in zip(self._lines, cells, strict=True):
+            if not (cell.strip().endswith(unit) or cell.strip().lower() in ("", "nan")):
+                raise VgrooveError(
+                    f"{self._path}: line {line}, column {name}: {cell!r} is not in {unit}, as the "
+                    "first cell of the column is: write all of them in one unit."
+                )
+        return [cell.strip().removesuffix(unit) for cell in cells]
+
     def dates(self, name: str, cells: Sequence[str]) -> np.ndarray:
         """Dates of a column as seconds (n,); VgrooveError for the first cell that is none."""
         seconds = [seconds_of_date(cell) for cell in cells]
@@ -364,7 +379,7 @@ class _CellReader:
             raise VgrooveError(
                 f"{place}: {cell!r} is not a number (a missing sample is an empty cell or NaN)."
             )
-        return float(with_point(cell))
+        return number_of(cell)
 
 
 def csv_header(names: Iterable[str]) -> bytes:
