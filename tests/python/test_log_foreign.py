@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asammdf import MDF, Signal
 
 from test_log_formats import FOREIGN, foreign, own, refused, same, sample, text_of
 from vgroove.errors import VgrooveError
@@ -257,3 +258,20 @@ def test_a_failed_cell_of_a_spreadsheet_is_no_comment(tmp_path: Path, cell: str)
     rows[5][0] = cell
     path = written(tmp_path / "a.csv", rows, "speed_rpm,time_s,duty,current_a")
     refused(path, f"line 7, column speed_rpm: '{cell}' is not a number")
+
+
+def test_an_mdf_file_of_version_3_is_read_with_its_time_in_the_map(tmp_path: Path) -> None:
+    log = sample()
+    with MDF(version="3.30") as mdf:
+        mdf.append(
+            [
+                Signal(log["duty"], log.time_s, name="Pwm"),
+                Signal(log["current_a"] * 1e3, log.time_s, name="Curr", unit="mA"),
+                Signal(log["speed_rpm"], log.time_s, name="Spd", unit="1/min"),
+            ]
+        )
+        saved = mdf.save(tmp_path / "a.mdf")
+    path = saved.rename(tmp_path / "a.mf4")
+    entries = ["Pwm=duty", "Curr=current_a", "Spd=speed_rpm"]
+    for times in ([], ["time=time_s"]):
+        assert same(read_log(path, column_map([*entries, *times])), log, 1e-9)

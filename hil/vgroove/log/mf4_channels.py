@@ -18,7 +18,6 @@ from vgroove.log.units_of_columns import TIME_COLUMN
 # Columns that hold their last value between two samples; the others are interpolated linearly.
 HELD = ("duty", "coast", "trigger", "state")
 MAX_GAP_INTERVALS = 3.0  # median intervals of a channel that are bridged by interpolation
-MASTERS = (2, 3)  # channel types of the time: master and virtual master (ASAM MDF 4, CN_TYPE)
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     """The log of an open MF4 file. The rows are the times of the channel that the map declares as
     `time_base`, else of the fastest channel that a log column is read from.
     """
-    masters = {c.name for g in mdf.groups for c in g.channels if c.channel_type in MASTERS}
+    masters = {mdf.groups[g].channels[c].name for g, c in mdf.masters_db.items()}
     places = columns.places(str(path), list(mdf.channels_db))
     time = places.pop(TIME_COLUMN, None)
     if time is not None and time.name not in masters:
@@ -106,12 +105,12 @@ def _time_factor(source: Source, group: int) -> float:
     """Seconds in a unit of a group's times: of the map, else of the time channel of the group."""
     if source.time_factor is not None:
         return source.time_factor
-    for channel in source.mdf.groups[group].channels:
-        if channel.channel_type in MASTERS:
-            place = Place(channel.name, None)
-            unit, path = channel.unit or "", str(source.path)
-            return factor_of(place, TIME_COLUMN, unit, path, source.warnings)
-    return 1.0
+    if group not in source.mdf.masters_db:
+        return 1.0
+    channel = source.mdf.groups[group].channels[source.mdf.masters_db[group]]
+    unit = getattr(channel, "unit", "") or ""  # in MDF 3 times are in s
+    place, path = Place(channel.name, None), str(source.path)
+    return factor_of(place, TIME_COLUMN, unit, path, source.warnings)
 
 
 def _time_base(source: Source, columns: ColumnMap, found: list[Channel]) -> np.ndarray:
