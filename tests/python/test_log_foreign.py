@@ -4,6 +4,7 @@ names that are there twice, cells with units, dates, several devices, CAN frames
 
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 from asammdf import MDF, Signal
@@ -258,6 +259,63 @@ def test_a_failed_cell_of_a_spreadsheet_is_no_comment(tmp_path: Path, cell: str)
     rows[5][0] = cell
     path = written(tmp_path / "a.csv", rows, "speed_rpm,time_s,duty,current_a")
     refused(path, f"line 7, column speed_rpm: '{cell}' is not a number")
+
+
+LONG_NAMES = {
+    "/motor/stamp": "time_s",
+    "servo.cmd.duty": "duty",
+    "Ctrl_MotCurr": "current_a",
+    "axis0.encoder.vel_estimate": "speed_rpm",
+    "input_voltage": "",
+    "Sample": "",
+}
+
+
+def test_a_word_within_a_long_name_makes_it_the_nearest(tmp_path: Path) -> None:
+    rows = [[*row, "12", "7"] for row in rows_of(own(sample()))]
+    path = written(tmp_path / "a.csv", rows, ",".join(LONG_NAMES))
+    with pytest.raises(VgrooveError, match="time_s is missing") as caught:
+        read_log(path)
+    for name, column in LONG_NAMES.items():
+        option = f'--map "{name}:UNIT={column}"'
+        assert (option in str(caught.value)) if column else (f'"{name}' not in str(caught.value))
+
+
+def test_a_file_without_times_is_told_of_a_column_that_counts_rows(tmp_path: Path) -> None:
+    rows = [[str(k), *row[1:]] for k, row in enumerate(rows_of(own(sample())), 1)]
+    path = written(tmp_path / "a.csv", rows, "X,duty,current_a,speed_rpm")
+    refused(path, "time_s is missing", '"N:0.001 s=time_s"')
+    assert same(read_log(path, column_map(["X:0.001 s=time_s"])), sample())
+
+
+@pytest.mark.parametrize(
+    ("lines", "part"),
+    [
+        (['{"time_s": 0.001, "duty": 0.5, "current_a": 1}'] * 80, "JSON"),
+        (["t:1,duty:0.5,current:-1.5e0"] * 80, "each cell is a name and a value (t:1)"),
+        (["duty=0.5\tcurrent=1"] * 80, "each cell is a name and a value"),
+    ],
+)
+def test_lines_that_repeat_the_names_are_refused_with_the_form(
+    tmp_path: Path, lines: list[str], part: str
+) -> None:
+    refused(written(tmp_path / "a.csv", [], *lines), "line 1", part, "names once")
+
+
+@pytest.mark.parametrize("name", ["a.dat", "a.mdf", "a.log"])
+def test_the_content_of_a_file_with_another_ending_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"MDF     3.30    " + bytes(100))
+    refused(tmp_path / name, "that of an .mf4 file")
+    (tmp_path / "table.asc").write_text(text_of(own(sample())))
+    refused(tmp_path / "table.asc", "end in .csv")
+
+
+@pytest.mark.parametrize("ending", [".blf", ".asc"])
+def test_frames_of_another_device_are_told_of_their_dbc(tmp_path: Path, ending: str) -> None:
+    with can.Logger(tmp_path / f"a{ending}") as logger:
+        for k in range(9):
+            logger(can.Message(timestamp=1e9 + k / 1e3, arbitration_id=0x123, data=bytes(8)))
+    refused(tmp_path / f"a{ending}", "by its own DBC", "MF4", "CSV")
 
 
 def test_an_mdf_file_of_version_3_is_read_with_its_time_in_the_map(tmp_path: Path) -> None:

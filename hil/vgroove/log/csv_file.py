@@ -34,9 +34,10 @@ from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
 from vgroove.log.several_devices import refuse_several_devices
 from vgroove.log.table import Log, check_columns, checked
-from vgroove.log.units_of_columns import TIME_COLUMN
+from vgroove.log.units_of_columns import NUMBER, TIME_COLUMN
 from vgroove.output import write_bytes
 
+PAIR = re.compile(rf"[^\W\d][^:=]*\s*[:=]\s*{NUMBER.pattern}")  # as speed:12.5
 CHUNK_LINES = 100_000  # lines that are converted at once: some 10 MB of text
 BLOCK_BYTES = 1 << 20  # that are checked at once
 
@@ -298,6 +299,16 @@ def _check_header(
     the header names the time, an input and another measured signal, each once.
     """
     header, where = dialect.header, f"{path}: line {dialect.header_line}"
+    if header[0].startswith("{"):
+        raise VgrooveError(
+            f"{where}: holds a JSON object: write the names once, in the first line, and the "
+            "values alone below them, separated by commas."
+        )
+    if len(header) > 1 and all(map(PAIR.fullmatch, header)):
+        raise VgrooveError(
+            f"{where}: each cell is a name and a value ({header[0]}): write the names once, in the "
+            "first line, and the values alone below them."
+        )
     if any(map(is_number, header)) and not dialect.units:
         number = next(k for k, name in enumerate(header) if is_number(name))
         raise VgrooveError(
