@@ -11,6 +11,7 @@ from vgroove.errors import VgrooveError
 from vgroove.log.can_files import read_asc, read_blf, read_mf4
 from vgroove.log.column_map import NO_MAP, ColumnMap, column_map
 from vgroove.log.csv_file import csv_bytes, csv_header, csv_rows, read_csv, write_csv
+from vgroove.log.csv_text import UTF_16_MARKS
 from vgroove.log.mat_file import read_mat
 from vgroove.log.parquet_file import read_parquet
 from vgroove.log.table import (
@@ -127,9 +128,10 @@ def _wrong_kind(ending: str, head: bytes) -> str:
         if kind == ending and not head.startswith(magic):
             older = ' of version 5 or later: write it by save(..., "-v7")' if kind == ".mat" else ""
             return f"its first bytes are not those of one{older}"
-    if ending in (".csv", ".asc") and head.startswith((b"\xff\xfe", b"\xfe\xff")):
+    marked = head.startswith(UTF_16_MARKS)
+    if ending == ".asc" and marked:
         return "it is UTF-16, which is read as binary data: save it in the encoding UTF-8"
-    if ending in (".csv", ".asc") and b"\0" in head:
+    if ending in (".csv", ".asc") and b"\0" in head and not marked:
         return "it holds binary data (text must be UTF-8)"
     if ending == ".csv" and re.match(rb"date \w+ \w+ ", head):
         return "it is an ASC file"

@@ -2,7 +2,6 @@
 Separator, decimal comma, comments and index columns are recognised (docs/input_format.md).
 """
 
-import codecs
 import csv
 import gzip
 import os
@@ -10,10 +9,8 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from io import TextIOWrapper
 from itertools import chain, islice, repeat
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
@@ -30,6 +27,7 @@ from vgroove.log.csv_cells import (
     refuse_two_of_a_name,
 )
 from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, number_of, with_point
+from vgroove.log.csv_text import CsvText, csv_text
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
 from vgroove.log.several_devices import refuse_several_devices
@@ -39,7 +37,6 @@ from vgroove.output import write_bytes
 
 PAIR = re.compile(rf"[^\W\d][^:=]*\s*[:=]\s*{NUMBER.pattern}")  # as speed:12.5
 CHUNK_LINES = 100_000  # lines that are converted at once: some 10 MB of text
-BLOCK_BYTES = 1 << 20  # that are checked at once
 
 
 def read_csv(path: Path, columns: ColumnMap = NO_MAP) -> Log:
@@ -59,22 +56,15 @@ def read_csv(path: Path, columns: ColumnMap = NO_MAP) -> Log:
         ) from error
 
 
-def _open(path: Path) -> IO[bytes]:
-    return gzip.open(path, "rb") if path.suffix.lower() == ".gz" else path.open("rb")
-
-
-def _text(path: Path) -> TextIOWrapper:
-    return TextIOWrapper(_open(path), encoding="utf-8-sig", newline="")
-
-
 def _read(path: Path, columns: ColumnMap) -> Log:
-    most = _count_lines(path)
-    dialect = _dialect(path)
+    text = csv_text(path)
+    dialect, most = _dialect(text), text.most_lines
     places, warnings = _check_header(path, dialect, columns)
+    warnings += [text.warning] if text.warning else []
     known = [dialect.header.index(place.name) for place in places.values()]
     # one array for all rows: joining the chunks at the end would take the memory twice
     lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
-    with _text(path) as file:
+    with text.open() as file:
         whole = _WholeLines(file)
         rows = _Rows(path, whole, dialect, places[TIME_COLUMN].name)
         for chunk in rows.chunks(known):
@@ -87,14 +77,14 @@ def _read(path: Path, columns: ColumnMap) -> Log:
             f"{path}: line {rows.repeated[0]}: holds the names again and is left out"
             + (f", as are {len(rows.repeated) - 1} others." if rows.repeated[1:] else ".")
         )
-    text = Table(path, dialect, lambda: _text(path))
+    cells = Table(path, dialect, text.open)
     time = dialect.header.index(places[TIME_COLUMN].name)
-    _refuse_cells(text, {k: table[n, :count] for n, k in enumerate(known)}, time)
+    _refuse_cells(cells, {k: table[n, :count] for n, k in enumerate(known)}, time)
     values = dict(zip(places, table[:, :count], strict=True))
     if rows.dates:
         refuse_unit_of_dates(places[TIME_COLUMN], str(path))
         places = places | {TIME_COLUMN: Place(places[TIME_COLUMN].name, 1.0)}
-    found, tick_s = _converted(text, places, values, warnings)
+    found, tick_s = _converted(cells, places, values, warnings)
     time_s = in_order(found.pop(TIME_COLUMN), tick_s, warnings, str(path))
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
     log = checked(log, lines[:count])
@@ -126,35 +116,17 @@ def _refuse_cells(table: Table, columns: dict[int, np.ndarray], time: int) -> No
     refuse_several_devices(table, columns, time)
 
 
-def _dialect(path: Path) -> Dialect:
+def _dialect(text: CsvText) -> Dialect:
     """How the file is written; VgrooveError where it is empty or no CSV."""
+    path = text.path
     try:
-        with _text(path) as file:
+        with text.open() as file:
             dialect = detect_dialect(file)
     except csv.Error as error:
         raise VgrooveError(f"{path}: the head of the file is not CSV: {error}.") from error
     if dialect is None:
         raise VgrooveError(f"{path}: line 1: no header: the file is empty.")
     return dialect
-
-
-def _count_lines(path: Path) -> int:
-    """A number that the file has at most as lines; VgrooveError unless it is UTF-8."""
-    decoder, done, ends = codecs.getincrementaldecoder("utf-8")(), 0, 0
-    with _open(path) as file:
-        while True:
-            block, (pending, _) = file.read(BLOCK_BYTES), decoder.getstate()
-            try:
-                decoder.decode(block, final=not block)
-            except UnicodeDecodeError as error:
-                at = done - len(pending) + error.start
-                raise VgrooveError(
-                    f"{path}: its content does not match its ending .csv: byte {at} is not UTF-8 "
-                    "text: save the file in the encoding UTF-8 (Excel: CSV UTF-8)."
-                ) from error
-            if not block:
-                return ends + 1
-            done, ends = done + len(block), ends + block.count(b"\n") + block.count(b"\r")
 
 
 class _WholeLines:
