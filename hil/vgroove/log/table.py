@@ -50,7 +50,7 @@ class UnsignedCurrent:
     min_current_a: float = 1.0  # noise and offset hide the sign of a smaller current
     min_rows: int = 20  # least number of rows with braking or reverse drive for a decision
     negative_share: float = 0.02  # of the largest magnitude: a signed current goes below minus this
-    least_share: float = 0.5  # of the largest magnitude: a current that stays above has an offset
+    least_share: float = 0.8  # of the largest magnitude: a current that stays above has an offset
 
 
 UNSIGNED = UnsignedCurrent()
