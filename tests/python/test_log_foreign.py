@@ -333,3 +333,30 @@ def test_an_mdf_file_of_version_3_is_read_with_its_time_in_the_map(tmp_path: Pat
     entries = ["Pwm=duty", "Curr=current_a", "Spd=speed_rpm"]
     for times in ([], ["time=time_s"]):
         assert same(read_log(path, column_map([*entries, *times])), log, 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("end", "column", "factor"),
+    [
+        *(("ms", "time_s", 1e3), ("us", "time_s", 1e6), ("msec", "time_s", 1e3)),
+        *(("mA", "current_a", 1e3), ("A", "current_a", 1.0), ("dA", "current_a", 10.0)),
+        *(("rad_s", "speed_rpm", np.pi / 30.0), ("rps", "speed_rpm", 1 / 60.0)),
+        *(("deg_s", "speed_rpm", 6.0), ("rev_min", "speed_rpm", 1.0), ("pct", "duty", 100.0)),
+        *(("min", "time_s", 1.0), ("h", "time_s", 1.0), ("da", "current_a", 1.0)),
+    ],
+)
+def test_a_unit_at_the_end_of_a_name_is_read_with_a_warning(
+    tmp_path: Path, end: str, column: str, factor: float
+) -> None:
+    columns = {
+        f"x_{end}" if name == column else name: values * (factor if name == column else 1.0)
+        for name, values in own(sample()).items()
+    }
+    path = tmp_path / "a.csv"
+    path.write_text(text_of(columns))
+    log = read_log(path, column_map([f"x_{end}={column}"]))
+    assert same(log, sample(), 1e-9)
+    said = "in which the name ends" in "".join(log.warnings)
+    assert said == (factor != 1.0)
+    stated = read_log(path, column_map([f"x_{end}:2={column}"]))
+    assert "in which the name ends" not in "".join(stated.warnings)

@@ -11,9 +11,11 @@ from vgroove.errors import VgrooveError
 from vgroove.log.clock import in_order
 from vgroove.log.column_map import ColumnMap, Place, other_names
 from vgroove.log.stated_units import (
+    end_warning,
     needed_factor,
     refuse_contradiction,
     remark_warning,
+    unit_at_end,
     unit_in_name,
     unit_of_place,
 )
@@ -35,7 +37,8 @@ class RawColumns:
 
 def factor_of(place: Place, column: str, unit: str, source: str, warnings: list[str]) -> float:
     """Factor from a column of a source to the log's unit: of the map's unit, else of the unit that
-    the source or the name of its column states, else 1, with a warning where the name has a remark.
+    the source or the name of its column states, else of the unit that the name ends in, else 1,
+    with a warning where the name has a remark or ends in a unit.
     VgrooveError for a unit that is not known and for two that differ.
     """
     if place.factor is not None:
@@ -47,9 +50,11 @@ def factor_of(place: Place, column: str, unit: str, source: str, warnings: list[
         refuse_contradiction(stated, named, place.name, column, source)
     if found := stated or named:
         return needed_factor(found, place.name, column, source)
-    remarks = remark_warning(place.name, column, source)
+    remarks, end = remark_warning(place.name, column, source), None
+    if not remarks and not unit.strip() and (end := unit_at_end(place.name, column)):
+        remarks = [end_warning(end, place.name, column, source)]
     warnings += [remark for remark in remarks if remark not in warnings]
-    return 1.0
+    return end.factor if end else 1.0
 
 
 def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
