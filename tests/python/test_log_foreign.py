@@ -128,6 +128,20 @@ def test_rows_of_several_devices_are_refused(tmp_path: Path, devices: int, shift
     refused(path, "column node", "'node0', 'node1'", "several devices", "a log of its own")
 
 
+@pytest.mark.parametrize("devices", [2, 3, 4])
+def test_devices_in_turns_are_refused_without_their_names(tmp_path: Path, devices: int) -> None:
+    rows = [row[1:] for row in in_turns(devices, 0.0001)]
+    path = written(tmp_path / "a.csv", rows, "time_s,duty,current_a,speed_rpm")
+    refused(path, ["second", "third", "fourth"][devices - 2], "a log of its own")
+
+
+def test_a_command_in_turns_alone_is_that_of_one_device(tmp_path: Path) -> None:
+    run = drive(600, 0.01)
+    run["duty"] = np.arange(600) % 2 * 0.8
+    (tmp_path / "a.csv").write_text(text_of(run))
+    assert len(read_log(tmp_path / "a.csv")) == 600
+
+
 @pytest.mark.parametrize("rate", [0.01, 0.3, 0.8])
 @pytest.mark.parametrize("period", [2, 3, 7])
 def test_a_counter_or_a_state_divides_no_rows_of_one_device(

@@ -1,4 +1,6 @@
-"""Rows of several devices in one CSV file, which a column that names the device of a row shows."""
+"""Rows of several devices in one CSV file, which a column that names the device of a row shows, or
+columns that all change more from a row to the next one than from each device's row to its next.
+"""
 
 from itertools import islice
 
@@ -12,12 +14,14 @@ MAX_DEVICES = 16
 # least ratio of the mean change from a row to the next one, of another device, to that from a row
 # to the next one of its own device, which for rows of one device is below 1 (value chosen)
 MIN_RATIO = 4.0
+ORDINALS = {2: "second", 3: "third", 4: "fourth"}  # of numbers of devices that no column names
 MIN_COLUMNS = 2  # that have this ratio: one may be written in turns for another reason
 
 
 def refuse_several_devices(table: Table, columns: dict[int, np.ndarray], time: int) -> None:
     """VgrooveError where a column of the file that is no log column divides the rows into those of
-    several devices. columns: those of the log (rows,) by number, of which `time` holds the times.
+    several devices, or where all columns of the log show devices in turns. columns: those of the
+    log (rows,) by number, of which `time` holds the times.
     """
     values = [column for k, column in columns.items() if k != time]
     header = table.dialect.header
@@ -36,6 +40,22 @@ def refuse_several_devices(table: Table, columns: dict[int, np.ndarray], time: i
                 "devices: write the rows of each as a log of its own (or leave this column out, "
                 "if they are those of one)."
             )
+    for count in ORDINALS:
+        if _take_turns(values, count):
+            raise VgrooveError(
+                f"{table.path}: all columns change less from a row to the {ORDINALS[count]} one "
+                "after it than to the next one: these are rows of several devices: write the rows "
+                "of each as a log of its own."
+            )
+
+
+def _take_turns(values: list[np.ndarray], count: int) -> bool:
+    """Whether `count` devices take turns in the rows of all columns (rows,) that change."""
+    cells = np.arange(len(values[0])) % count
+    names = np.arange(count)
+    changing = [v for v in values if np.nanmax(v, initial=-np.inf) > np.nanmin(v, initial=np.inf)]
+    apart = [_ratio(column, cells, names) >= MIN_RATIO for column in changing]
+    return len(apart) >= MIN_COLUMNS and all(apart)
 
 
 def _is_in_turns(cells: list[str]) -> bool:
