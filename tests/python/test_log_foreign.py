@@ -2,6 +2,7 @@
 names that are there twice, cells with units, dates, several devices, CAN frames of other devices.
 """
 
+import re
 from pathlib import Path
 
 import can
@@ -9,11 +10,12 @@ import numpy as np
 import pytest
 from asammdf import MDF, Signal
 
-from test_log_formats import FOREIGN, foreign, own, refused, same, sample, text_of
+from test_log_formats import FOREIGN, PRACTICE, foreign, own, refused, same, sample, text_of
 from vgroove.errors import VgrooveError
-from vgroove.gap.log_check import check_log
+from vgroove.gap.log_check import check_log, checked_logs
 from vgroove.log import as_log, column_map, current_is_unsigned, read_log
 from vgroove.log.table import standstill_offset
+from vgroove.rig import read_rig
 
 NAMES = [f"{e.split('=')[0].split(':')[0]}={e.split('=')[1]}" for e in FOREIGN]  # without units
 
@@ -374,3 +376,30 @@ def test_a_unit_at_the_end_of_a_name_is_read_with_a_warning(
     assert said == (factor != 1.0)
     stated = read_log(path, column_map([f"x_{end}:2={column}"]))
     assert "in which the name ends" not in "".join(stated.warnings)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "scale"),
+    [
+        ("n [rad/s]", "", -np.pi / 30.0),  # the opposite sign
+        ("n", "rad/s", np.pi / 30.0 / 1e3),  # read as rad/s, and a krad/s
+        ("n", "0.5 rpm from 1000", 2.0 / 60.0),  # rev/s, read as rpm
+    ],
+)
+def test_the_option_that_a_check_proposes_holds_for_the_numbers_of_the_file(
+    tmp_path: Path, name: str, unit: str, scale: float
+) -> None:
+    log, tool = read_log(PRACTICE / "log.csv"), read_rig(PRACTICE / "rig.toml")
+    columns = {"time_s": log.time_s} | log.columns
+    zero = 1000.0 if "from" in unit else 0.0
+    columns = {n if n != "speed_rpm" else name: v for n, v in columns.items()}
+    columns[name] = log["speed_rpm"] * scale + zero
+    path = tmp_path / "a.csv"
+    path.write_text(text_of(columns))
+    entry = f"{name}:{unit}=speed_rpm" if unit else f"{name}=speed_rpm"
+    with pytest.raises(VgrooveError, match="--map") as caught:
+        checked_logs([read_log(path, column_map([entry]))], tool)
+    option = re.search(r'--map "([^"]*)"', str(caught.value))[1]
+    mended = read_log(path, column_map([option]))
+    checked_logs([mended], tool)
+    assert np.allclose(mended["speed_rpm"], log["speed_rpm"], rtol=1e-5, atol=1e-3)

@@ -54,6 +54,14 @@ def other_names(places: Mapping[str, Place]) -> dict[str, str]:
     return {column: place.name for column, place in places.items() if place.name != column}
 
 
+def other_scales(
+    places: Mapping[str, Place], factors: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Factor and zero of the log columns whose numbers in the file are others."""
+    scales = {column: (factors[column], place.zero) for column, place in places.items()}
+    return {column: scale for column, scale in scales.items() if scale != (1.0, 0.0)}
+
+
 @dataclass(frozen=True)
 class ColumnMap:
     """Entries by log column; time_base: the channel of an MF4 file whose times become the rows."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.log.clock import in_order
-from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names
+from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names, other_scales
 from vgroove.log.csv_cells import (
     GROUPS,
     Table,
@@ -84,24 +84,24 @@ def _read(path: Path, columns: ColumnMap) -> Log:
     if rows.dates:
         refuse_unit_of_dates(places[TIME_COLUMN], str(path))
         places = places | {TIME_COLUMN: Place(places[TIME_COLUMN].name, 1.0)}
-    found, tick_s = _converted(cells, places, values, warnings)
-    time_s = in_order(found.pop(TIME_COLUMN), tick_s, warnings, str(path))
+    found, factors = _converted(cells, places, values, warnings)
+    time_s = in_order(found.pop(TIME_COLUMN), factors[TIME_COLUMN], warnings, str(path))
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
-    log = checked(log, lines[:count])
+    log = checked(replace(log, scales=other_scales(places, factors)), lines[:count])
     return replace(log, time_s=time_s - time_s[0]) if rows.dates else log
 
 
 def _converted(
     table: Table, places: dict[str, Place], values: dict[str, np.ndarray], warnings: list[str]
-) -> tuple[dict[str, np.ndarray], float]:
-    """The log columns (rows,) in their own units, and what one of the file's times is in s."""
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """The log columns (rows,) in their own units, and what one of the file's unit is in these."""
     units = dict(zip(table.dialect.header, table.dialect.units, strict=False))
     factors = {
         column: factor_of(place, column, units.get(place.name, ""), str(table.path), warnings)
         for column, place in places.items()
     }
     found = {c: places[c].scaled(v, factors[c]) for c, v in values.items()}
-    return found, factors[TIME_COLUMN]
+    return found, factors
 
 
 def _refuse_cells(table: Table, columns: dict[int, np.ndarray], time: int) -> None:

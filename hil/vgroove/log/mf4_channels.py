@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.log.column_map import ColumnMap, Place, other_names
+from vgroove.log.column_map import ColumnMap, Place, other_names, other_scales
 from vgroove.log.nearest import nearest_columns
 from vgroove.log.raw_columns import factor_of
 from vgroove.log.table import Log, check_columns, checked
@@ -22,14 +22,15 @@ MAX_GAP_INTERVALS = 3.0  # median intervals of a channel that are bridged by int
 
 @dataclass(frozen=True)
 class Channel:
-    """A log column (n,) in the unit of the log with its own times (n,) in s, and the name of the
-    channel.
+    """A log column (n,) in the unit of the log with its own times (n,) in s, the name of the
+    channel, and what one of its unit is in that of the log.
     """
 
     name: str
     column: str
     time_s: np.ndarray
     values: np.ndarray
+    factor: float
 
     @property
     def interval_s(self) -> float:
@@ -74,14 +75,16 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     names = other_names(places)
     if len(masters) == 1:
         names |= other_names({TIME_COLUMN: Place(*masters, None)})
-    return checked(Log(base, resampled, str(path), warnings, read_from=names))
+    scales = other_scales(places, {channel.column: channel.factor for channel in found})
+    return checked(Log(base, resampled, str(path), warnings, read_from=names, scales=scales))
 
 
 def _channel(source: Source, column: str, place: Place) -> Channel:
     """A log column of the file, in the unit of the log."""
     signal, times = _signal(source, place.name)
     factor = factor_of(place, column, signal.unit, str(source.path), source.warnings)
-    return Channel(place.name, column, times, place.scaled(signal.samples.astype(float), factor))
+    values = place.scaled(signal.samples.astype(float), factor)
+    return Channel(place.name, column, times, values, factor)
 
 
 def _signal(source: Source, name: str) -> tuple[Any, np.ndarray]:

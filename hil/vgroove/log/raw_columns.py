@@ -9,7 +9,7 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.log.clock import in_order
-from vgroove.log.column_map import ColumnMap, Place, other_names
+from vgroove.log.column_map import ColumnMap, Place, other_names, other_scales
 from vgroove.log.stated_units import (
     end_warning,
     needed_factor,
@@ -65,7 +65,7 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
     check_columns(raw.source, places, unknown)
     warnings = [f"{raw.source}: the unknown column {name} is ignored." for name in unknown]
     found: dict[str, np.ndarray] = {}
-    tick_s = 1.0
+    factors = dict.fromkeys(places, 1.0)
     for column, place in places.items():
         array = np.asarray(raw.values(place.name)).squeeze()
         values = numbers(array, f"{raw.source}: column {place.name}")
@@ -74,9 +74,8 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
             found[column] = values
             continue
         unit = raw.units.get(place.name, "")
-        factor = factor_of(place, column, unit, raw.source, warnings)
-        tick_s = factor if column == TIME_COLUMN else tick_s
-        found[column] = place.scaled(values, factor)
+        factors[column] = factor_of(place, column, unit, raw.source, warnings)
+        found[column] = place.scaled(values, factors[column])
     time_s = found.pop(TIME_COLUMN)
     for column, values in found.items():
         if len(values) != len(time_s):
@@ -84,8 +83,9 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
                 f"{raw.source}: column {places[column].name} has {len(values)} samples, the time "
                 f"has {len(time_s)}."
             )
-    time_s = in_order(time_s, tick_s, warnings, raw.source)
-    return checked(Log(time_s, found, raw.source, warnings, read_from=other_names(places)))
+    time_s = in_order(time_s, factors[TIME_COLUMN], warnings, raw.source)
+    log = Log(time_s, found, raw.source, warnings, read_from=other_names(places))
+    return checked(replace(log, scales=other_scales(places, factors)))
 
 
 def is_dates(array: np.ndarray) -> bool:
@@ -129,4 +129,5 @@ def mapped(log: Log, columns: ColumnMap) -> Log:
         return log
     arrays = {TIME_COLUMN: log.time_s} | log.columns
     found = log_from_raw(RawColumns(log.source, list(arrays), arrays.__getitem__), columns)
-    return replace(log, time_s=found.time_s, columns=found.columns, read_from=found.read_from)
+    names, scales = found.read_from, found.scales
+    return replace(log, time_s=found.time_s, columns=found.columns, read_from=names, scales=scales)

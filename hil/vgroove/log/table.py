@@ -63,7 +63,8 @@ class Log:
 
     `source` names the origin for messages, `meta` holds what a recording states about the board
     (boot, parameters, counters), `read_from` the names in the file of the columns that have another
-    name there.
+    name there, `scales` what one of the numbers in the file is in the log's unit, and the number
+    that stands for 0, of the columns for which these are not 1 and 0.
     """
 
     time_s: np.ndarray
@@ -72,6 +73,7 @@ class Log:
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
     read_from: dict[str, str] = field(default_factory=dict)
+    scales: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.time_s)
