@@ -403,3 +403,11 @@ def test_the_option_that_a_check_proposes_holds_for_the_numbers_of_the_file(
     mended = read_log(path, column_map([option]))
     checked_logs([mended], tool)
     assert np.allclose(mended["speed_rpm"], log["speed_rpm"], rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "text", ["time_s,duty,current_a\n", "s,A\n", "1,2,3\n", "% a,b\n% s,A\n", ",,,\n", '"\n', "a\n"]
+)
+def test_a_file_without_rows_is_a_sentence(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    refused(tmp_path / "a.csv", "a.csv")
