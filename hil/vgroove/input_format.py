@@ -18,7 +18,7 @@ COLUMNS = (
     "coast",
 )
 FILES = {
-    ".csv": "text in UTF-8: a header with the names, a row a sample",
+    ".csv": "text: a header with the names, a row a sample",
     ".csv.gz": "the same, compressed by gzip",
     ".mf4": "channels, in one or more channel groups; or CAN frames of a board",
     ".blf": "CAN frames of a board ([telemetry.md](telemetry.md))",

@@ -215,8 +215,8 @@ def test_samples_without_input_or_without_measurement_do_not_count_as_usable(
         (b"MDF     4.10    " + bytes(100), "MF4"),
         (b"LOGG" + bytes(200), "BLF"),
         (b"\x00\x01\x02time_s", "binary"),
-        (b"time_s,duty\n\xff\xfe\x80", "UTF-8"),
-        ("time_s,duty".encode("utf-16"), "binary"),
+        (b"time_s,duty\n\xff\xfe\x81", "UTF-8"),
+        ("time_s,duty".encode("utf-16-le"), "binary"),
         (b"date Fri Nov 20 10:00:00.000 2026\n", "ASC"),
     ],
 )

@@ -2,6 +2,7 @@
 project's own.
 """
 
+import codecs
 import csv
 import gzip
 import json
@@ -200,7 +201,7 @@ def test_dates_become_seconds_since_the_first(tmp_path: Path, kind: str) -> None
     (tmp_path / "a.csv").write_text("\n".join([lines[0], *rows]) + "\n")
     log = read_log(tmp_path / "a.csv")
     assert np.allclose(log.time_s, sample().time_s - sample().time_s[0], atol=1e-6)
-    rows[5] = "31.03.2026 12:00:00," + rows[5].partition(",")[2]
+    rows[5] = "31.03.26 12:00:00," + rows[5].partition(",")[2]
     (tmp_path / "a.csv").write_text("\n".join([lines[0], *rows]) + "\n")
     refused(tmp_path / "a.csv", "line 7, column time_s", "2026-03-31 12:00:00.001")
 
@@ -302,12 +303,32 @@ def test_a_second_time_column_is_named(tmp_path: Path) -> None:
     assert len(read_log(path, without)) == 200
 
 
-@pytest.mark.parametrize(
-    ("encoding", "part"), [("utf-16", "UTF-16"), ("latin-1", "encoding UTF-8")]
-)
-def test_another_encoding_is_named(tmp_path: Path, encoding: str, part: str) -> None:
-    (tmp_path / "a.csv").write_bytes(("# M\u00fcller\n" + text_of(own(sample()))).encode(encoding))
-    refused(tmp_path / "a.csv", part, "save")
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "cp1252", "latin-1", "utf-8-sig"])
+def test_text_is_read_in_the_encodings_of_usual_programs(tmp_path: Path, encoding: str) -> None:
+    text = "# M\u00fcller\nt [\u00b5s],duty,current_a,\u03c9 [\u00b0/s]\n"
+    text = text.replace("\u03c9", "n") if encoding in ("cp1252", "latin-1") else text
+    columns = own(sample()) | {"time_s": sample().time_s * 1e6}
+    columns["speed_rpm"] = 6.0 * columns["speed_rpm"]
+    text += text_of(columns).partition("\n")[2]
+    mark = codecs.BOM_UTF16_BE if encoding == "utf-16-be" else b""
+    (tmp_path / "a.csv").write_bytes(mark + text.encode(encoding))
+    name = "n" if encoding in ("cp1252", "latin-1") else "\u03c9"
+    entries = column_map(["t [\u00b5s]=time_s", f"{name} [\u00b0/s]=speed_rpm"])
+    log = read_log(tmp_path / "a.csv", entries)
+    assert same(log, sample(), 1e-9)
+    assert [w.partition(": ")[2] for w in log.warnings] == (
+        ["is not UTF-8: read as Windows-1252, in which byte 3 is '\u00fc'."] if name == "n" else []
+    )
+
+
+def test_damaged_text_is_refused_whatever_its_encoding(tmp_path: Path) -> None:
+    text = "# M\u00fcller\n" + text_of(own(sample()))
+    (tmp_path / "a.csv").write_bytes(text.encode("utf-16")[:-1])
+    refused(tmp_path / "a.csv", "damaged UTF-16")
+    (tmp_path / "a.csv").write_bytes(text.encode("cp1252").replace(b"M", b"\x81"))
+    refused(tmp_path / "a.csv", "byte 2 is not UTF-8", "save")
+    (tmp_path / "a.csv").write_bytes(text.encode().replace(b"0.001,", b"0.0\xb01,"))
+    refused(tmp_path / "a.csv", "line 3, column time_s")
 
 
 @pytest.mark.parametrize(

@@ -125,6 +125,21 @@ def test_a_wrong_unit_or_sign_is_named_with_its_mend(column: str, factor: float,
     assert checked_logs([scaled(log, column, factor)], tool, as_is=True)
 
 
+def test_a_speed_without_its_sign_is_refused_where_the_drive_turns_backwards() -> None:
+    nominal = without_rate(rig())
+    levels = [(0.2, 0.6), (1.0, 0.0), (1.6, -0.5), (2.6, 0.0)]
+    made = drive_log(rig(), seconds=3.4, levels=levels)
+    log = Log(made.time_s, made.columns, "reversed")
+    (speed,) = (p.nominal for p in nominal_pairs(log, nominal) if p.column == "speed_rpm")
+    log = replace(log, columns={**log.columns, "speed_rpm": speed})
+    assert not check_log(log, nominal).refused
+    unsigned = replace(log, columns={**log.columns, "speed_rpm": np.abs(log["speed_rpm"])})
+    (text,) = (f.text for f in check_log(unsigned, nominal).findings if f.refuses)
+    assert "column speed_rpm: never negative" in text and "sign of the motion" in text
+    forward = {name: values[:1500] for name, values in unsigned.columns.items()}
+    assert not check_log(Log(log.time_s[:1500], forward, "forward"), nominal).refused
+
+
 @pytest.mark.parametrize(
     ("column", "factor", "mend"),
     [

@@ -11,6 +11,7 @@ from vgroove.errors import VgrooveError
 from vgroove.log.can_files import read_asc, read_blf, read_mf4
 from vgroove.log.column_map import NO_MAP, ColumnMap, column_map
 from vgroove.log.csv_file import csv_bytes, csv_header, csv_rows, read_csv, write_csv
+from vgroove.log.csv_text import UTF_16_MARKS
 from vgroove.log.mat_file import read_mat
 from vgroove.log.parquet_file import read_parquet
 from vgroove.log.table import (
@@ -78,11 +79,7 @@ def read_log(path: str | os.PathLike[str], columns: ColumnMap = NO_MAP) -> Log:
     path = Path(path)
     ending = _ending(path)
     if ending is None:
-        *most, last = READERS
-        raise VgrooveError(
-            f"{path}: a log ends in {', '.join(most)} or {last}: export it as one of them (a text "
-            "with separated columns is .csv)."
-        )
+        raise VgrooveError(f"{path}: {_unknown_ending(path)}.")
     try:
         _check_ending(path, ending)
         return READERS[ending](path, columns)
@@ -95,11 +92,30 @@ def _ending(path: Path) -> str | None:
     return next((ending for ending in READERS if path.name.lower().endswith(ending)), None)
 
 
+def _unknown_ending(path: Path) -> str:
+    """What to do with a file whose ending is none of a log."""
+    try:
+        head = _head(path)
+    except OSError:
+        head = b""
+    for ending, magic in _MAGIC.items():
+        if head.startswith(magic):
+            return f"its content is that of an {ending} file: let its name end so"
+    *most, last = READERS
+    return (
+        f"a log ends in {', '.join(most)} or {last}: export it as one of them (a text with "
+        "separated columns is .csv)"
+    )
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES)
+
+
 def _check_ending(path: Path, ending: str) -> None:
     """VgrooveError unless the first bytes are those of the kind that the ending names."""
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    wrong = _wrong_kind(ending, head)
+    wrong = _wrong_kind(ending, _head(path))
     if wrong:
         raise VgrooveError(f"{path}: its content does not match its ending {ending}: {wrong}.")
 
@@ -112,12 +128,13 @@ def _wrong_kind(ending: str, head: bytes) -> str:
         if kind == ending and not head.startswith(magic):
             older = ' of version 5 or later: write it by save(..., "-v7")' if kind == ".mat" else ""
             return f"its first bytes are not those of one{older}"
-    if ending in (".csv", ".asc") and head.startswith((b"\xff\xfe", b"\xfe\xff")):
+    marked = head.startswith(UTF_16_MARKS)
+    if ending == ".asc" and marked:
         return "it is UTF-16, which is read as binary data: save it in the encoding UTF-8"
-    if ending in (".csv", ".asc") and b"\0" in head:
+    if ending in (".csv", ".asc") and b"\0" in head and not marked:
         return "it holds binary data (text must be UTF-8)"
     if ending == ".csv" and re.match(rb"date \w+ \w+ ", head):
         return "it is an ASC file"
     if ending == ".asc" and not re.match(rb"\s*(//.*\s*)*date ", head):
-        return "an ASC file begins with its date"
+        return "an ASC file begins with its date (let a text with separated columns end in .csv)"
     return ""

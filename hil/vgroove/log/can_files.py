@@ -111,7 +111,8 @@ def _log_from_messages(path: Path, messages: Iterable[Any], likely_ms: Iterable[
     if not intact:
         raise VgrooveError(
             f"{path}: holds no intact telemetry frame of a vgroove board "
-            f"({len(frames)} frames with its ids)."
+            f"({len(frames)} frames with its ids): decode those of another device by its own DBC, "
+            "and write the signals as channels of an MF4 file or as CSV."
         )
     session, left_out = _longest_run(intact)
     session.counters.frames = len(intact)

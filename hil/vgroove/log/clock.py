@@ -69,7 +69,10 @@ def time_mend(time_s: np.ndarray) -> str:
     """What to do with times (n,) in s that do not increase."""
     steps = np.diff(time_s)
     if np.mean(steps == 0.0) > MIN_ROUNDED_SHARE:
-        return "many rows have the time of the row before: write it with more digits"
+        return (
+            "many rows have the time of the row before: write it with more digits, or the rows of "
+            "each device as a log of its own"
+        )
     back = int(np.count_nonzero(steps < 0.0))
     if not back:
         return "delete the rows that are there twice"

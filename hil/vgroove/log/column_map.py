@@ -2,45 +2,64 @@
 (docs/input_format.md).
 """
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vgroove.errors import VgrooveError
 from vgroove.log.nearest import nearest_columns
 from vgroove.log.table import COLUMN_UNITS
-from vgroove.log.units_of_columns import TIME_COLUMN, unit_factor
+from vgroove.log.units_of_columns import NUMBER, TIME_COLUMN, own_unit, unit_factor
 
 SCHEMA = "vgroove.map/1"
+FROM_ZERO = re.compile(rf"(.*?)\bfrom\s+({NUMBER.pattern})")
 LOG_COLUMNS = (TIME_COLUMN, *COLUMN_UNITS)
 
 
 @dataclass(frozen=True)
 class MapEntry:
     """A column of a file, by name, that holds a column of a log, in a unit (None: the unit that the
-    file states, or else that of the log column).
+    file states, or else that of the log column); zero: the value of the file that stands for 0.
     """
 
     name: str
     unit: str | None
     column: str
+    zero: float = 0.0
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a log column is found: name in the file, and the factor to the log's unit; None where
-    no unit is given.
+    """Where a log column is found: name in the file, the factor to the log's unit (None where no
+    unit is given), and the value of the file that stands for 0.
     """
 
     name: str
     factor: float | None
+    zero: float = 0.0
+
+    def scaled(self, values: np.ndarray, factor: float) -> np.ndarray:
+        """Values (n,) of the file in the log's unit, of which `factor` is one of the file."""
+        values = values if self.zero == 0.0 else values - self.zero
+        return values if factor == 1.0 else values * factor
 
 
 def other_names(places: Mapping[str, Place]) -> dict[str, str]:
     """Names in the file of the log columns that have another name there."""
     return {column: place.name for column, place in places.items() if place.name != column}
+
+
+def other_scales(
+    places: Mapping[str, Place], factors: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Factor and zero of the log columns whose numbers in the file are others."""
+    scales = {column: (factors[column], place.zero) for column, place in places.items()}
+    return {column: scale for column, scale in scales.items() if scale != (1.0, 0.0)}
 
 
 @dataclass(frozen=True)
@@ -61,7 +80,7 @@ class ColumnMap:
                     continue
                 raise VgrooveError(f"{source}: {_not_there(entry, names)}")
             factor = None if entry.unit is None else unit_factor(entry.unit, entry.column)
-            found[entry.column] = Place(entry.name, factor)
+            found[entry.column] = Place(entry.name, factor, entry.zero)
         taken = {entry.name: entry.column for entry in self.entries}
         return {c: p for c, p in found.items() if taken.get(p.name, c) == c or p.name != c}
 
@@ -90,7 +109,9 @@ def column_map(texts: Sequence[str] = (), path: Path | None = None) -> ColumnMap
 
 
 def parse_entry(text: str) -> MapEntry:
-    """NAME=COLUMN or NAME:UNIT=COLUMN; a name that holds a colon ends in one more."""
+    """NAME=COLUMN, NAME:UNIT=COLUMN or NAME:UNIT from ZERO=COLUMN; a name that holds a colon ends
+    in one more.
+    """
     name, equals, column = text.rpartition("=")
     if not equals or not name.strip():
         raise VgrooveError(f'--map {text!r}: must be "NAME=COLUMN" or "NAME:UNIT=COLUMN"')
@@ -107,13 +128,22 @@ def _entry(text: str, column: str, where: str) -> MapEntry:
         return MapEntry(text, None, column)
     if not unit:
         return MapEntry(name, None, column)
+    unit, zero = _unit_and_zero(unit, column)
     try:
         unit_factor(unit, column)
     except VgrooveError as error:
         raise VgrooveError(
             f'{where}: {error}; a name that holds a colon ends in one: "{text}:={column}"'
         ) from error
-    return MapEntry(name, unit, column)
+    return MapEntry(name, unit, column, zero)
+
+
+def _unit_and_zero(text: str, column: str) -> tuple[str, float]:
+    """The unit of "UNIT from ZERO" and the value that stands for 0."""
+    found = FROM_ZERO.fullmatch(text.strip())
+    if not found:
+        return text, 0.0
+    return found[1].strip() or own_unit(column), float(found[2])
 
 
 def read_map(path: Path) -> ColumnMap:

@@ -3,6 +3,7 @@ time column that the columns to its right belong to.
 """
 
 import csv
+import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -40,7 +41,8 @@ class Table:
         with self.open() as file:
             lines = (line for line in islice(file, self.dialect.skipped, None) if is_whole(line))
             for row in csv.reader(lines, delimiter=self.dialect.delimiter):
-                if is_row(row):
+                again = tuple(cell.strip() for cell in row) == self.dialect.header
+                if is_row(row) and not again:
                     yield row[k].strip() if k < len(row) else ""
 
 
@@ -102,6 +104,21 @@ def refuse_second_time(table: Table, columns: dict[int, np.ndarray]) -> None:
                 f"{table.path}: column {header[k]}: ends before the others, with the column "
                 f"{header[left[-1]]}, which holds its times: save the two as a log of their own, "
                 "or resample them to the times of the others."
+            )
+
+
+def refuse_two_of_a_name(table: Table, name: str) -> None:
+    """VgrooveError where columns of one name differ; equal ones, as the times that a program writes
+    beside each signal, are one column.
+    """
+    header = table.dialect.header
+    first, *others = [k for k, other in enumerate(header) if other == name]
+    for k in others:
+        if any(map(operator.ne, table.cells(first), table.cells(k))):
+            raise VgrooveError(
+                f"{table.path}: line {table.dialect.header_line}: the column {name} appears "
+                f"{header.count(name)} times, with other values: give each a name of its own in "
+                "the header."
             )
 
 

@@ -2,7 +2,6 @@
 Separator, decimal comma, comments and index columns are recognised (docs/input_format.md).
 """
 
-import codecs
 import csv
 import gzip
 import os
@@ -10,16 +9,14 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from io import TextIOWrapper
 from itertools import chain, islice, repeat
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.log.clock import in_order
-from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names
+from vgroove.log.column_map import NO_MAP, ColumnMap, Place, other_names, other_scales
 from vgroove.log.csv_cells import (
     GROUPS,
     Table,
@@ -27,16 +24,19 @@ from vgroove.log.csv_cells import (
     is_whole,
     refuse_second_time,
     refuse_thousands,
+    refuse_two_of_a_name,
 )
-from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, with_point
+from vgroove.log.csv_dialect import Dialect, detect_dialect, is_number, number_of, with_point
+from vgroove.log.csv_text import CsvText, csv_text
 from vgroove.log.dates import LOOKS_LIKE_DATE, seconds_of_date
 from vgroove.log.raw_columns import factor_of, refuse_unit_of_dates
+from vgroove.log.several_devices import refuse_several_devices
 from vgroove.log.table import Log, check_columns, checked
-from vgroove.log.units_of_columns import TIME_COLUMN
+from vgroove.log.units_of_columns import NUMBER, TIME_COLUMN
 from vgroove.output import write_bytes
 
+PAIR = re.compile(rf"[^\W\d][^:=]*\s*[:=]\s*{NUMBER.pattern}")  # as speed:12.5
 CHUNK_LINES = 100_000  # lines that are converted at once: some 10 MB of text
-BLOCK_BYTES = 1 << 20  # that are checked at once
 
 
 def read_csv(path: Path, columns: ColumnMap = NO_MAP) -> Log:
@@ -56,22 +56,15 @@ def read_csv(path: Path, columns: ColumnMap = NO_MAP) -> Log:
         ) from error
 
 
-def _open(path: Path) -> IO[bytes]:
-    return gzip.open(path, "rb") if path.suffix.lower() == ".gz" else path.open("rb")
-
-
-def _text(path: Path) -> TextIOWrapper:
-    return TextIOWrapper(_open(path), encoding="utf-8-sig", newline="")
-
-
 def _read(path: Path, columns: ColumnMap) -> Log:
-    most = _count_lines(path)
-    dialect = _dialect(path)
+    text = csv_text(path)
+    dialect, most = _dialect(text), text.most_lines
     places, warnings = _check_header(path, dialect, columns)
+    warnings += [text.warning] if text.warning else []
     known = [dialect.header.index(place.name) for place in places.values()]
     # one array for all rows: joining the chunks at the end would take the memory twice
     lines, table, count = np.empty(most, int), np.empty((len(known), most)), 0
-    with _text(path) as file:
+    with text.open() as file:
         whole = _WholeLines(file)
         rows = _Rows(path, whole, dialect, places[TIME_COLUMN].name)
         for chunk in rows.chunks(known):
@@ -79,68 +72,61 @@ def _read(path: Path, columns: ColumnMap) -> Log:
             lines[part], table[:, part] = chunk.lines, chunk.values
     if whole.cut_line:
         warnings.append(f"{path}: line {whole.cut_line}: is left out: {whole.reason}.")
-    text = Table(path, dialect, lambda: _text(path))
-    _refuse_cells(text, {k: table[n, :count] for n, k in enumerate(known)})
+    if rows.repeated:
+        warnings.append(
+            f"{path}: line {rows.repeated[0]}: holds the names again and is left out"
+            + (f", as are {len(rows.repeated) - 1} others." if rows.repeated[1:] else ".")
+        )
+    cells = Table(path, dialect, text.open)
+    time = dialect.header.index(places[TIME_COLUMN].name)
+    _refuse_cells(cells, {k: table[n, :count] for n, k in enumerate(known)}, time)
     values = dict(zip(places, table[:, :count], strict=True))
     if rows.dates:
         refuse_unit_of_dates(places[TIME_COLUMN], str(path))
         places = places | {TIME_COLUMN: Place(places[TIME_COLUMN].name, 1.0)}
-    found, tick_s = _converted(text, places, values, warnings)
-    time_s = in_order(found.pop(TIME_COLUMN), tick_s, warnings, str(path))
+    found, factors = _converted(cells, places, values, warnings)
+    time_s = in_order(found.pop(TIME_COLUMN), factors[TIME_COLUMN], warnings, str(path))
     log = Log(time_s, found, str(path), warnings, read_from=other_names(places))
-    log = checked(log, lines[:count])
+    log = checked(replace(log, scales=other_scales(places, factors)), lines[:count])
     return replace(log, time_s=time_s - time_s[0]) if rows.dates else log
 
 
 def _converted(
     table: Table, places: dict[str, Place], values: dict[str, np.ndarray], warnings: list[str]
-) -> tuple[dict[str, np.ndarray], float]:
-    """The log columns (rows,) in their own units, and what one of the file's times is in s."""
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """The log columns (rows,) in their own units, and what one of the file's unit is in these."""
     units = dict(zip(table.dialect.header, table.dialect.units, strict=False))
     factors = {
         column: factor_of(place, column, units.get(place.name, ""), str(table.path), warnings)
         for column, place in places.items()
     }
-    found = {c: v if factors[c] == 1.0 else v * factors[c] for c, v in values.items()}
-    return found, factors[TIME_COLUMN]
+    found = {c: places[c].scaled(v, factors[c]) for c, v in values.items()}
+    return found, factors
 
 
-def _refuse_cells(table: Table, columns: dict[int, np.ndarray]) -> None:
-    """VgrooveError for columns (rows,), by number, whose cells mean other numbers or times."""
+def _refuse_cells(table: Table, columns: dict[int, np.ndarray], time: int) -> None:
+    """VgrooveError for columns (rows,), by number, whose cells mean other numbers or times, or rows
+    of several devices; `time` is the number of the times.
+    """
+    for name in {table.dialect.header[k] for k in columns}:
+        refuse_two_of_a_name(table, name)
     for k, values in columns.items():
         refuse_thousands(table, k, values)
     refuse_second_time(table, columns)
+    refuse_several_devices(table, columns, time)
 
 
-def _dialect(path: Path) -> Dialect:
+def _dialect(text: CsvText) -> Dialect:
     """How the file is written; VgrooveError where it is empty or no CSV."""
+    path = text.path
     try:
-        with _text(path) as file:
+        with text.open() as file:
             dialect = detect_dialect(file)
     except csv.Error as error:
         raise VgrooveError(f"{path}: the head of the file is not CSV: {error}.") from error
     if dialect is None:
         raise VgrooveError(f"{path}: line 1: no header: the file is empty.")
     return dialect
-
-
-def _count_lines(path: Path) -> int:
-    """A number that the file has at most as lines; VgrooveError unless it is UTF-8."""
-    decoder, done, ends = codecs.getincrementaldecoder("utf-8")(), 0, 0
-    with _open(path) as file:
-        while True:
-            block, (pending, _) = file.read(BLOCK_BYTES), decoder.getstate()
-            try:
-                decoder.decode(block, final=not block)
-            except UnicodeDecodeError as error:
-                at = done - len(pending) + error.start
-                raise VgrooveError(
-                    f"{path}: its content does not match its ending .csv: byte {at} is not UTF-8 "
-                    "text: save the file in the encoding UTF-8 (Excel: CSV UTF-8)."
-                ) from error
-            if not block:
-                return ends + 1
-            done, ends = done + len(block), ends + block.count(b"\n") + block.count(b"\r")
 
 
 class _WholeLines:
@@ -172,13 +158,16 @@ class _Chunk:
 
 class _Rows:
     """The rows of an open file (newline="") of a dialect, read in chunks of CHUNK_LINES lines.
-    dates: whether the column `time_name` holds dates, which become seconds.
+    dates: whether the column `time_name` holds dates, which become seconds. repeated: the lines
+    that hold the names again, as a logger writes them when it starts again.
     """
 
     def __init__(self, path: Path, file: Iterable[str], dialect: Dialect, time_name: str) -> None:
         self.dates, self._time_name = False, time_name
+        self.repeated: list[int] = []
         self._path, self._file, self._line = path, iter(file), dialect.skipped
         self.header, self._delimiter = dialect.header, dialect.delimiter
+        self._units = dialect.in_cells
         for _ in range(dialect.skipped):
             next(self._file)
 
@@ -233,6 +222,8 @@ class _Rows:
         if name == self._time_name and cells and LOOKS_LIKE_DATE.match(cells[0].strip()):
             self.dates = True
             return reader.dates(name, cells)
+        if unit := dict(enumerate(self._units)).get(k):
+            cells = reader.without_unit(name, cells, unit)
         return reader.numbers(name, cells)
 
     def _wrong_count(self, line: int, row: list[str]) -> str:
@@ -264,7 +255,9 @@ class _Rows:
                 self._line = before + reader.line_num
                 if row is None:
                     return
-                if is_row(row):
+                if tuple(cell.strip() for cell in row) == self.header:
+                    self.repeated.append(self._line)
+                elif is_row(row):
                     yield self._line, row
         except csv.Error as error:
             line = before + reader.line_num
@@ -278,16 +271,23 @@ def _check_header(
     the header names the time, an input and another measured signal, each once.
     """
     header, where = dialect.header, f"{path}: line {dialect.header_line}"
-    if any(map(is_number, header)):
+    if header[0].startswith("{"):
+        raise VgrooveError(
+            f"{where}: holds a JSON object: write the names once, in the first line, and the "
+            "values alone below them, separated by commas."
+        )
+    if len(header) > 1 and all(map(PAIR.fullmatch, header)):
+        raise VgrooveError(
+            f"{where}: each cell is a name and a value ({header[0]}): write the names once, in the "
+            "first line, and the values alone below them."
+        )
+    if any(map(is_number, header)) and not dialect.units:
         number = next(k for k, name in enumerate(header) if is_number(name))
         raise VgrooveError(
             f"{where}, column {number + 1}: no header: {header[number]} is a number, not a name."
         )
     places = columns.places(where, header)
     used = {place.name for place in places.values()}
-    for name in used:
-        if header.count(name) > 1:
-            raise VgrooveError(f"{where}: the column {name} appears {header.count(name)} times.")
     unknown = [name for name in header if name not in used]
     if len(header) == 1:
         raise VgrooveError(
@@ -300,6 +300,8 @@ def _check_header(
     ]
     if dialect.head_lines:
         warnings.append(f"{where}: {dialect.head_lines} lines before the names are left out.")
+    if dialect.lines_below:
+        warnings.append(f"{where}: {dialect.lines_below} lines of words below it are left out.")
     return places, warnings
 
 
@@ -327,6 +329,18 @@ class _CellReader:
             raise VgrooveError(f"{place}: {cells[at].strip()} is infinite.")
         return values
 
+    def without_unit(self, name: str, cells: Sequence[str], unit: str) -> list[str]:
+        """Cells of a column without the unit that its first cell ends in; VgrooveError for the
+        first filled cell that does not.
+        """
+        for line, cell in zip(self._lines, cells, strict=True):
+            if not (cell.strip().endswith(unit) or cell.strip().lower() in ("", "nan")):
+                raise VgrooveError(
+                    f"{self._path}: line {line}, column {name}: {cell!r} is not in {unit}, as the "
+                    "first cell of the column is: write all of them in one unit."
+                )
+        return [cell.strip().removesuffix(unit) for cell in cells]
+
     def dates(self, name: str, cells: Sequence[str]) -> np.ndarray:
         """Dates of a column as seconds (n,); VgrooveError for the first cell that is none."""
         seconds = [seconds_of_date(cell) for cell in cells]
@@ -348,7 +362,7 @@ class _CellReader:
             raise VgrooveError(
                 f"{place}: {cell!r} is not a number (a missing sample is an empty cell or NaN)."
             )
-        return float(with_point(cell))
+        return number_of(cell)
 
 
 def csv_header(names: Iterable[str]) -> bytes:

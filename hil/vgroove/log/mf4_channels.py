@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.log.column_map import ColumnMap, Place, other_names
+from vgroove.log.column_map import ColumnMap, Place, other_names, other_scales
 from vgroove.log.nearest import nearest_columns
 from vgroove.log.raw_columns import factor_of
 from vgroove.log.table import Log, check_columns, checked
@@ -18,19 +18,19 @@ from vgroove.log.units_of_columns import TIME_COLUMN
 # Columns that hold their last value between two samples; the others are interpolated linearly.
 HELD = ("duty", "coast", "trigger", "state")
 MAX_GAP_INTERVALS = 3.0  # median intervals of a channel that are bridged by interpolation
-MASTERS = (2, 3)  # channel types of the time: master and virtual master (ASAM MDF 4, CN_TYPE)
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A log column (n,) in the unit of the log with its own times (n,) in s, and the name of the
-    channel.
+    """A log column (n,) in the unit of the log with its own times (n,) in s, the name of the
+    channel, and what one of its unit is in that of the log.
     """
 
     name: str
     column: str
     time_s: np.ndarray
     values: np.ndarray
+    factor: float
 
     @property
     def interval_s(self) -> float:
@@ -54,7 +54,7 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     """The log of an open MF4 file. The rows are the times of the channel that the map declares as
     `time_base`, else of the fastest channel that a log column is read from.
     """
-    masters = {c.name for g in mdf.groups for c in g.channels if c.channel_type in MASTERS}
+    masters = {mdf.groups[g].channels[c].name for g, c in mdf.masters_db.items()}
     places = columns.places(str(path), list(mdf.channels_db))
     time = places.pop(TIME_COLUMN, None)
     if time is not None and time.name not in masters:
@@ -75,14 +75,16 @@ def log_from_channels(path: Path, mdf: Any, columns: ColumnMap) -> Log:
     names = other_names(places)
     if len(masters) == 1:
         names |= other_names({TIME_COLUMN: Place(*masters, None)})
-    return checked(Log(base, resampled, str(path), warnings, read_from=names))
+    scales = other_scales(places, {channel.column: channel.factor for channel in found})
+    return checked(Log(base, resampled, str(path), warnings, read_from=names, scales=scales))
 
 
 def _channel(source: Source, column: str, place: Place) -> Channel:
     """A log column of the file, in the unit of the log."""
     signal, times = _signal(source, place.name)
     factor = factor_of(place, column, signal.unit, str(source.path), source.warnings)
-    return Channel(place.name, column, times, signal.samples.astype(float) * factor)
+    values = place.scaled(signal.samples.astype(float), factor)
+    return Channel(place.name, column, times, values, factor)
 
 
 def _signal(source: Source, name: str) -> tuple[Any, np.ndarray]:
@@ -106,12 +108,12 @@ def _time_factor(source: Source, group: int) -> float:
     """Seconds in a unit of a group's times: of the map, else of the time channel of the group."""
     if source.time_factor is not None:
         return source.time_factor
-    for channel in source.mdf.groups[group].channels:
-        if channel.channel_type in MASTERS:
-            place = Place(channel.name, None)
-            unit, path = channel.unit or "", str(source.path)
-            return factor_of(place, TIME_COLUMN, unit, path, source.warnings)
-    return 1.0
+    if group not in source.mdf.masters_db:
+        return 1.0
+    channel = source.mdf.groups[group].channels[source.mdf.masters_db[group]]
+    unit = getattr(channel, "unit", "") or ""  # in MDF 3 times are in s
+    place, path = Place(channel.name, None), str(source.path)
+    return factor_of(place, TIME_COLUMN, unit, path, source.warnings)
 
 
 def _time_base(source: Source, columns: ColumnMap, found: list[Channel]) -> np.ndarray:

@@ -15,8 +15,21 @@ WORDS = {
     "position_rad": ("position", "angle", "theta", "encoder", "winkel"),
     "load_nm": ("load", "torque", "moment"),
 }
+# words that are parts of longer names alone
+PART_WORDS = {
+    "time_s": ("stamp", "micros", "millis", "ms", "us"),
+    "current_a": ("curr",),
+    "speed_rpm": ("velocity", "vel", "erpm", "spd"),
+}
+# words that are parts of names of other quantities too: which voltage, whose torque, what of the
+# encoder
+WHOLE_WORDS = {"voltage", "spannung", "torque", "moment", "encoder"}
 MIN_LIKENESS = 0.6  # of difflib's ratio, for a name to be shown
 MIN_PROPOSED = 0.75  # the same, for a name that is proposed beside the missing column
+WORD_LIKENESS = 0.8  # of a name that holds one of the words, as /motor/cmd/duty or PwmDuty
+MIN_WORD = 3  # letters of such a word
+# parts of a name: words in small letters, with a capital letter, in capital letters
+PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^\W\d_A-Z]+")
 SHOWN = 8  # names that are listed where none is near
 
 
@@ -29,11 +42,16 @@ def nearest_columns(column: str, names: Iterable[str], count: int = 3) -> list[s
 
 def _likeness(column: str, name: str) -> float:
     """Largest ratio of difflib.SequenceMatcher of a name, without a unit in brackets, to the words
-    of a column.
+    of a column; more than WORD_LIKENESS where a part of the name is one of them.
     """
-    plain = re.sub(r"[\[(].*?[\])]", "", name).strip().lower()
+    stated = re.sub(r"[\[(].*?[\])]", "", name).strip()
     words = (column, *WORDS.get(column, ()))
-    return max(difflib.SequenceMatcher(None, plain, word).ratio() for word in words)
+    ratio = max(difflib.SequenceMatcher(None, stated.lower(), word).ratio() for word in words)
+    long = {word for word in words if len(word) >= MIN_WORD} - WHOLE_WORDS
+    parts = {part.lower() for part in PARTS.findall(stated)}
+    if parts & (long | set(PART_WORDS.get(column, ()))):
+        return max(ratio, WORD_LIKENESS + (1.0 - WORD_LIKENESS) * ratio)
+    return ratio
 
 
 def hint(columns: Iterable[str], names: Iterable[str], found: Iterable[str] = ()) -> str:
@@ -52,7 +70,13 @@ def hint(columns: Iterable[str], names: Iterable[str], found: Iterable[str] = ()
     if not names:
         return f" The file has no column besides {', '.join(sorted(found))}." if found else ""
     listed = ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
-    return f' The columns of the file are {listed}: name them by --map "NAME:UNIT=COLUMN".'
+    text = f' The columns of the file are {listed}: name them by --map "NAME:UNIT=COLUMN"'
+    if "time_s" in columns:
+        text += (
+            "; a column that counts the rows gives the times by the interval as its unit, as in "
+            '"N:0.001 s=time_s"'
+        )
+    return f"{text}."
 
 
 def proposed_options(

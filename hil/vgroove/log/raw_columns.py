@@ -9,11 +9,13 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.log.clock import in_order
-from vgroove.log.column_map import ColumnMap, Place, other_names
+from vgroove.log.column_map import ColumnMap, Place, other_names, other_scales
 from vgroove.log.stated_units import (
+    end_warning,
     needed_factor,
     refuse_contradiction,
     remark_warning,
+    unit_at_end,
     unit_in_name,
     unit_of_place,
 )
@@ -35,7 +37,8 @@ class RawColumns:
 
 def factor_of(place: Place, column: str, unit: str, source: str, warnings: list[str]) -> float:
     """Factor from a column of a source to the log's unit: of the map's unit, else of the unit that
-    the source or the name of its column states, else 1, with a warning where the name has a remark.
+    the source or the name of its column states, else of the unit that the name ends in, else 1,
+    with a warning where the name has a remark or ends in a unit.
     VgrooveError for a unit that is not known and for two that differ.
     """
     if place.factor is not None:
@@ -47,9 +50,11 @@ def factor_of(place: Place, column: str, unit: str, source: str, warnings: list[
         refuse_contradiction(stated, named, place.name, column, source)
     if found := stated or named:
         return needed_factor(found, place.name, column, source)
-    remarks = remark_warning(place.name, column, source)
+    remarks, end = remark_warning(place.name, column, source), None
+    if not remarks and not unit.strip() and (end := unit_at_end(place.name, column)):
+        remarks = [end_warning(end, place.name, column, source)]
     warnings += [remark for remark in remarks if remark not in warnings]
-    return 1.0
+    return end.factor if end else 1.0
 
 
 def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
@@ -60,7 +65,7 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
     check_columns(raw.source, places, unknown)
     warnings = [f"{raw.source}: the unknown column {name} is ignored." for name in unknown]
     found: dict[str, np.ndarray] = {}
-    tick_s = 1.0
+    factors = dict.fromkeys(places, 1.0)
     for column, place in places.items():
         array = np.asarray(raw.values(place.name)).squeeze()
         values = numbers(array, f"{raw.source}: column {place.name}")
@@ -69,9 +74,8 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
             found[column] = values
             continue
         unit = raw.units.get(place.name, "")
-        factor = factor_of(place, column, unit, raw.source, warnings)
-        tick_s = factor if column == TIME_COLUMN else tick_s
-        found[column] = values * factor
+        factors[column] = factor_of(place, column, unit, raw.source, warnings)
+        found[column] = place.scaled(values, factors[column])
     time_s = found.pop(TIME_COLUMN)
     for column, values in found.items():
         if len(values) != len(time_s):
@@ -79,8 +83,9 @@ def log_from_raw(raw: RawColumns, columns: ColumnMap) -> Log:
                 f"{raw.source}: column {places[column].name} has {len(values)} samples, the time "
                 f"has {len(time_s)}."
             )
-    time_s = in_order(time_s, tick_s, warnings, raw.source)
-    return checked(Log(time_s, found, raw.source, warnings, read_from=other_names(places)))
+    time_s = in_order(time_s, factors[TIME_COLUMN], warnings, raw.source)
+    log = Log(time_s, found, raw.source, warnings, read_from=other_names(places))
+    return checked(replace(log, scales=other_scales(places, factors)))
 
 
 def is_dates(array: np.ndarray) -> bool:
@@ -124,4 +129,5 @@ def mapped(log: Log, columns: ColumnMap) -> Log:
         return log
     arrays = {TIME_COLUMN: log.time_s} | log.columns
     found = log_from_raw(RawColumns(log.source, list(arrays), arrays.__getitem__), columns)
-    return replace(log, time_s=found.time_s, columns=found.columns, read_from=found.read_from)
+    names, scales = found.read_from, found.scales
+    return replace(log, time_s=found.time_s, columns=found.columns, read_from=names, scales=scales)

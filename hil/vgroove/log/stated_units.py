@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from vgroove.errors import VgrooveError
 from vgroove.log.units_of_columns import (
+    ALIASES,
     NUMBER,
     UNITS,
     bare,
@@ -64,6 +65,29 @@ def unit_in_name(name: str, column: str) -> Stated | None:
     """The unit in the last of the brackets at the end of a name that hold one; None without."""
     found = (stated_unit(text, column) for text in reversed(_in_brackets(name)))
     return next((stated for stated in found if stated), None)
+
+
+def unit_at_end(name: str, column: str) -> Stated | None:
+    """The unit of a column, other than its own one, that a name of a file ends in: time_ms,
+    speed_rad_s. None without, for a single letter, which may be anything, and for min, which may be
+    a minimum.
+    """
+    parts = name.split("_") if name != column else []
+    ends = ["/".join(parts[-2:])] * (len(parts) > 2) + parts[-1:] * (len(parts) > 1)
+    for text in ends:
+        written = text in UNITS.get(own_unit(column), {}) or text.lower() in ALIASES
+        factor = known_unit(text, column) if written and len(text) > 1 and text != "min" else None
+        if factor is not None:
+            return Stated(text, factor) if factor != 1.0 else None
+    return None
+
+
+def end_warning(stated: Stated, name: str, column: str, source: str) -> str:
+    """A warning of a unit that is read from the end of a name."""
+    return (
+        f"{source}: the unit of {name!r} is read as {stated.text}, in which the name ends: --map "
+        f'"{name}:UNIT={column}" states another one.'
+    )
 
 
 def unit_of_place(text: str, column: str) -> Stated | None:

@@ -39,6 +39,7 @@ COLUMN_LABELS = telemetry.COLUMN_LABELS | {
     name: text for name, (_, text) in TEST_BENCH_COLUMNS.items()
 }
 MIN_USABLE_SAMPLES = 50  # docs/spec/gap.md, section 1
+STANDSTILL_SHARE = 0.01  # of the largest speed, which the noise of a speed at rest stays below
 MAX_DUTY = 1.0 + 1e-6  # a larger magnitude is reported; 1e-6 is the rounding of a text file
 
 
@@ -49,6 +50,7 @@ class UnsignedCurrent:
     min_current_a: float = 1.0  # noise and offset hide the sign of a smaller current
     min_rows: int = 20  # least number of rows with braking or reverse drive for a decision
     negative_share: float = 0.02  # of the largest magnitude: a signed current goes below minus this
+    least_share: float = 0.8  # of the largest magnitude: a current that stays above has an offset
 
 
 UNSIGNED = UnsignedCurrent()
@@ -61,7 +63,8 @@ class Log:
 
     `source` names the origin for messages, `meta` holds what a recording states about the board
     (boot, parameters, counters), `read_from` the names in the file of the columns that have another
-    name there.
+    name there, `scales` what one of the numbers in the file is in the log's unit, and the number
+    that stands for 0, of the columns for which these are not 1 and 0.
     """
 
     time_s: np.ndarray
@@ -70,6 +73,7 @@ class Log:
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
     read_from: dict[str, str] = field(default_factory=dict)
+    scales: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -165,7 +169,8 @@ def _warnings(log: Log) -> list[str]:
     if offset := standstill_offset(log):
         found.append(
             f"{log.source}: column current_a: has a constant value of about {offset:.4g} at "
-            "standstill, more than all changes: subtract it from the column."
+            "standstill, more than all changes: subtract it from the column, as --map "
+            f'"{log.read_from.get("current_a", "current_a")}:UNIT from ZERO=current_a" does.'
         )
     elif current_is_unsigned(log):
         found.append(
@@ -190,7 +195,8 @@ def current_is_unsigned(log: Log) -> bool:
     rows = (brakes | reverses) & (np.abs(current) > UNSIGNED.min_current_a)
     if rows.sum() < UNSIGNED.min_rows:
         return False
-    return bool(np.nanmin(current) > -UNSIGNED.negative_share * np.nanmax(np.abs(current)))
+    least, largest = np.nanmin(current), np.nanmax(np.abs(current))
+    return bool(-UNSIGNED.negative_share < least / largest < UNSIGNED.least_share)
 
 
 def standstill_offset(log: Log) -> float:
@@ -199,7 +205,9 @@ def standstill_offset(log: Log) -> float:
     """
     if not all(name in log for name in ("duty", "current_a", "speed_rpm")):
         return 0.0
-    rests = (log["duty"] == 0.0) & (log["speed_rpm"] == 0.0) & np.isfinite(log["current_a"])
+    slow = STANDSTILL_SHARE * np.nanmax(np.abs(log["speed_rpm"]), initial=0.0)
+    rests = (log["duty"] == 0.0) & (np.abs(log["speed_rpm"]) <= slow)
+    rests &= np.isfinite(log["current_a"])
     if np.count_nonzero(rests) < UNSIGNED.min_rows:
         return 0.0
     offset = float(np.median(log["current_a"][rests]))

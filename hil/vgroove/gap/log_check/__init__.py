@@ -54,7 +54,7 @@ def impact_findings(log: Log, rig: Rig) -> list[Finding]:
 
 def refusals_and_warnings(log: Log, rig: Rig | None) -> list[Finding]:
     """Findings on the values of a log and, with a rig, on its rate, units and signs."""
-    return [finding.with_names(log.read_from) for finding in _all_findings(log, rig)]
+    return [finding.with_names(log) for finding in _all_findings(log, rig)]
 
 
 def _all_findings(log: Log, rig: Rig | None) -> list[Finding]:
@@ -86,8 +86,9 @@ def checked_logs(
 def _with_warnings(log: Any, rig: Rig) -> Any:
     """A log with the warnings of its check; VgrooveError where a finding refuses it."""
     columns = {name: np.asarray(values, float) for name, values in log.columns.items()}
-    names = log.read_from if isinstance(log, Log) else {}
-    table = Log(np.asarray(log.time_s, float), columns, log.source, read_from=names)
+    table = Log(np.asarray(log.time_s, float), columns, log.source)
+    if isinstance(log, Log):
+        table = replace(table, read_from=log.read_from, scales=log.scales)
     findings = refusals_and_warnings(table, rig)
     refusals = [finding.text for finding in findings if finding.refuses]
     if refusals:

@@ -13,6 +13,7 @@ import numpy as np
 
 from vgroove.gap.log_check.current_driven import acceleration_factors
 from vgroove.gap.log_check.finding import Finding
+from vgroove.gap.log_check.magnitude import magnitude_findings
 from vgroove.gap.log_check.nominal import (
     Pair,
     first_rows,
@@ -169,7 +170,10 @@ def unit_findings(log: Log, rig: Rig) -> list[Finding]:
         return [time_finding(part, rig, factor)]
     if accelerations := acceleration_factors(part, rig):
         return _acceleration_findings(accelerations, part, rig)
-    slopes = [s for pair in nominal_pairs(part, rig) if (s := slope_of(pair, part, rig))]
+    pairs = nominal_pairs(part, rig)
+    if rig.input["kind"] != "current_a" and (found := magnitude_findings(pairs)):
+        return found
+    slopes = [s for pair in pairs if (s := slope_of(pair, part, rig))]
     if starts_moving_or_deflected(part, rig):
         slopes = [slope for slope in slopes if slope.factor > 0.0]
     # errors of friction and load move speed and angle alike

@@ -78,6 +78,11 @@ def _duty_finding(log: Log) -> list[Finding]:
     else:
         text += "put the share that one of its counts is of the full duty into --map, as in "
         text += '--map "duty:1e-6=duty"'
+    if np.nanmin(np.abs(log.columns["duty"])) > COMMAND.max_duty:
+        text += (
+            "; or, where it is never 0 because another value is no command, as 1500 us of a servo "
+            'pulse, --map "duty:FACTOR from ZERO=duty", as "0.002 from 1500"'
+        )
     return [Finding(text, refuses=True)]
 
 
