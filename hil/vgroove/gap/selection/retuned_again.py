@@ -4,6 +4,7 @@ cycle; an effect would otherwise get credit for leading the keys to a better min
 """
 
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def retune_again(search: Search) -> Search:
     engine, known = search.engine, search.retuned
     singles = [f for k, f in search.fits.items() if len(k) == 1]
     ranked = engine.closest([*singles, known])
-    closest = ranked[: ranked.index(known)][:STARTS]
+    closest = list(takewhile(lambda f: f is not known, ranked))[:STARTS]
     if not closest:
         return search
     (plain,) = engine.hypotheses([])
