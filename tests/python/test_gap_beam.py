@@ -96,6 +96,7 @@ class Blocked:
         self.is_far_from_noise = lambda _: is_far
         self.problem = SimpleNamespace(sigma_is_bound=hammers)
         self.gap_problem = SimpleNamespace() if balance else None
+        self.engine = SimpleNamespace(closest=list)
         self.fits: dict[tuple[str, ...], object] = {}
         self.asked = False
 
@@ -190,5 +191,6 @@ def test_the_sets_that_fit_best_are_extended(
     costs = np.random.default_rng(size).permutation(20).astype(float)
     fits = {("a", str(c))[-size:]: SimpleNamespace(ids=("a", str(c)), cost=c) for c in costs}
     fits |= {("x", "y", "z")[: 3 - size]: SimpleNamespace(ids=("z",), cost=0.0)}
-    found = beam.best_fitting(SimpleNamespace(fits=fits), size)
+    engine = SimpleNamespace(closest=lambda given: sorted(given, key=lambda one: one.cost))
+    found = beam.best_fitting(SimpleNamespace(fits=fits, engine=engine), size)
     assert [f.cost for f in found] == [c for c in range(20) if c != 2][:count]

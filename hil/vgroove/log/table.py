@@ -50,7 +50,6 @@ class UnsignedCurrent:
     min_current_a: float = 1.0  # noise and offset hide the sign of a smaller current
     min_rows: int = 20  # least number of rows with braking or reverse drive for a decision
     negative_share: float = 0.02  # of the largest magnitude: a signed current goes below minus this
-    least_share: float = 0.8  # of the largest magnitude: a current that stays above has an offset
 
 
 UNSIGNED = UnsignedCurrent()
@@ -195,8 +194,7 @@ def current_is_unsigned(log: Log) -> bool:
     rows = (brakes | reverses) & (np.abs(current) > UNSIGNED.min_current_a)
     if rows.sum() < UNSIGNED.min_rows:
         return False
-    least, largest = np.nanmin(current), np.nanmax(np.abs(current))
-    return bool(-UNSIGNED.negative_share < least / largest < UNSIGNED.least_share)
+    return bool(np.nanmin(current) > -UNSIGNED.negative_share * np.nanmax(np.abs(current)))
 
 
 def standstill_offset(log: Log) -> float:

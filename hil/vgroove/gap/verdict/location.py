@@ -97,9 +97,10 @@ def residual_without_effects(search: Search, best: Fit) -> np.ndarray:
         return best.residual
     engine, problem = search.engine, search.problem
     theta = best.theta(problem.theta0)
-    for parameter in (e.name(p) for e in map(BY_ID.get, best.ids) for p in e.parameters):
-        column = problem.index(parameter)
-        theta[column] = problem.theta0[column]
+    numbers = best.hypothesis.coordinates[: best.hypothesis.count]
+    columns = [column for c in numbers for column in c.columns]
+    columns += [column for column, _ in best.hypothesis.fixed]
+    theta[columns] = problem.theta0[columns]
     return engine.weighted(problem.residuals(theta[None, :], engine.angles)[0])
 
 
