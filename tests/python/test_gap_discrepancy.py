@@ -81,6 +81,16 @@ def test_the_fits_are_consistent_after_widening(tolerance: dict[str, float]) -> 
         assert_consistent(state, one)
 
 
+def test_the_retuned_fit_is_still_predicted_by_simulation_after_widening() -> None:
+    after = rescale(begun_search(Toy(COULOMB, oscillation_a=FAR_A), TOLERANCE))
+    retuned = after.retuned
+    assert retuned.exact
+    held = retuned.out_of_fold.copy()
+    retuned.exact = False
+    predict_held_out(after.engine, [retuned])
+    np.testing.assert_allclose(held, retuned.out_of_fold)
+
+
 def test_the_columns_of_the_nuisance_parameters_are_widened_once() -> None:
     before = begun_search(Toy(COULOMB, oscillation_a=FAR_A))
     columns = np.array(before.engine.nuisance_columns)

@@ -113,7 +113,7 @@ def test_the_effect_without_which_a_set_leaves_most_is_named_first(
     assert effect_findings.selected(state, finding) == ["b", "a", "c"]
 
 
-@pytest.mark.parametrize("count", [3, 4, 6, 16])
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 16])
 def test_the_interval_of_the_closed_share_holds_for_few_blocks(count: int) -> None:
     """Squared gaps of 25 before and 4 after, which scatter by half from block to block."""
     rows, rng, hits = 20, np.random.default_rng(1), 0

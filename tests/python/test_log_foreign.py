@@ -144,6 +144,22 @@ def test_a_command_in_turns_alone_is_that_of_one_device(tmp_path: Path) -> None:
     assert len(read_log(tmp_path / "a.csv")) == 600
 
 
+@pytest.mark.parametrize("period", [1, 3])
+@pytest.mark.parametrize("follows", ["current_a", "supply_v"])
+@pytest.mark.parametrize("moves", [False, True])
+def test_what_follows_an_alternating_command_is_that_of_one_device(
+    tmp_path: Path, period: int, follows: str, moves: bool
+) -> None:
+    """A state column names the direction; the speed is constant, or changes slowly."""
+    k = np.arange(600)
+    sign = 1.0 - 2.0 * (k // period % 2)
+    speed = np.full(600, 3000.0) + moves * 500.0 * np.sin(0.01 * k)
+    columns = (sign, 1e-3 * k, 0.3 * sign, 12.0 + 4.0 * sign, speed)
+    rows = [[f"{value:.10g}" for value in row] for row in zip(*columns, strict=True)]
+    path = written(tmp_path / "a.csv", rows, f"direction,time_s,duty,{follows},speed_rpm")
+    assert len(read_log(path)) == 600
+
+
 @pytest.mark.parametrize("rate", [0.01, 0.3, 0.8])
 @pytest.mark.parametrize("period", [2, 3, 7])
 def test_a_counter_or_a_state_divides_no_rows_of_one_device(
@@ -411,3 +427,20 @@ def test_the_option_that_a_check_proposes_holds_for_the_numbers_of_the_file(
 def test_a_file_without_rows_is_a_sentence(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.csv").write_text(text)
     refused(tmp_path / "a.csv", "a.csv")
+
+
+@pytest.mark.parametrize("comment", ["#NAME: driver 3", "#NVM, b, c, d", "#NA,b,c,d"])
+def test_a_comment_that_begins_as_a_failed_cell_is_a_comment(tmp_path: Path, comment: str) -> None:
+    (tmp_path / "a.csv").write_text(f"{comment}\n{text_of(own(sample()))}")
+    log = read_log(tmp_path / "a.csv")
+    assert not any("before the names" in warning for warning in log.warnings)
+
+
+def test_names_that_begin_with_a_digit_stand_below_a_comment_of_as_many_words(
+    tmp_path: Path,
+) -> None:
+    first, *rows = text_of(own(sample())).splitlines()
+    table = [f"{first},24V_bus", *(f"{row},24.1" for row in rows)]
+    words = ", ".join(f"word {n}" for n in range(first.count(",") + 2))
+    (tmp_path / "a.csv").write_text("\n".join([f"# {words}", *table]) + "\n")
+    assert len(read_log(tmp_path / "a.csv")) == len(rows)

@@ -133,18 +133,18 @@ def target_figures(rows: Sequence[Figures]) -> list[Figures]:
         here = [row for row in rows if row["target_nm"] == target]
         errors = np.array([row["error"] for row in here if reached(row)])
         std = sample_std(errors)
-        untold = sum(missed_reported_reached(row) for row in here)
+        unreported = sum(missed_reported_reached(row) for row in here)
         within = std is not None and max(abs(errors.mean()), std) <= GOAL
         found.append(
             {
                 "target_nm": target,
                 "runs": len(here),
                 "reached": len(errors),
-                "missed_reported_reached": untold,
+                "missed_reported_reached": unreported,
                 "mean_error": float(errors.mean()) if len(errors) else None,
                 "std": std,
                 "worst": float(errors[np.argmax(abs(errors))]) if len(errors) else None,
-                "met": bool(within and not untold),
+                "met": bool(within and not unreported),
             }
         )
     return found

@@ -16,7 +16,9 @@ HEAD_LINES = 1000  # within which the header is looked for
 MAX_HEAD_ROWS = 5  # lines of words directly above the first row: names, units, types, descriptions
 SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # with which Excel states the separator
 # cells of a spreadsheet that failed, in English and German, which begin as a comment does
-ERROR_CELL = re.compile(r'\s*"?#(?:N/A|NV|NA|DIV/0!|VALUE!|WERT!|NUM!|ZAHL!|REF!|BEZUG!|NAME\?)')
+ERROR_CELL = re.compile(
+    r'\s*"?#(?:N/A|NV|DIV/0!|VALUE!|WERT!|NUM!|ZAHL!|REF!|BEZUG!|NAME\?)\s*"?\s*(?:$|[;,\t])'
+)
 NAN = re.compile(r"[+-]?(?:1\.#(?:QNAN|SNAN|IND)0*|nan\([a-z0-9]*\))", re.IGNORECASE)  # by C
 HEXADECIMAL = re.compile("[0-9a-fA-F]+")
 MINUS_SIGNS = str.maketrans({"\u2212": "-"})
@@ -100,7 +102,7 @@ def detect_dialect(lines: Iterable[str]) -> Dialect | None:
     delimiter = _delimiter(line, [text for _, text in plain[1:3]])
     rows = [_cells(text, delimiter) for _, text in plain[: MAX_HEAD_ROWS + 3]]
     head = _head(rows)
-    if any(map(_begins_with_number, rows[0])) and not head.units:
+    if any(cell and _is_sample(cell) for cell in rows[0]) and not head.units:
         comments = [t for n, t in filled if n < number]
         units = _units_in_comment(comments[-1:], delimiter, len(rows[0]))
         named = _names_in_comment(comments[:-1] if units else comments, delimiter, len(rows[0]))

@@ -78,8 +78,11 @@ def _read(path: Path, columns: ColumnMap) -> Log:
             + (f", as are {len(rows.repeated) - 1} others." if rows.repeated[1:] else ".")
         )
     cells = Table(path, dialect, text.open)
-    time = dialect.header.index(places[TIME_COLUMN].name)
-    _refuse_cells(cells, {k: table[n, :count] for n, k in enumerate(known)}, time)
+    _refuse_cells(
+        cells,
+        {k: table[n, :count] for n, k in enumerate(known)},
+        dict(zip(known, places, strict=True)),
+    )
     values = dict(zip(places, table[:, :count], strict=True))
     if rows.dates:
         refuse_unit_of_dates(places[TIME_COLUMN], str(path))
@@ -104,16 +107,16 @@ def _converted(
     return found, factors
 
 
-def _refuse_cells(table: Table, columns: dict[int, np.ndarray], time: int) -> None:
+def _refuse_cells(table: Table, columns: dict[int, np.ndarray], names: dict[int, str]) -> None:
     """VgrooveError for columns (rows,), by number, whose cells mean other numbers or times, or rows
-    of several devices; `time` is the number of the times.
+    of several devices; names: those of the columns in the log.
     """
     for name in {table.dialect.header[k] for k in columns}:
         refuse_two_of_a_name(table, name)
     for k, values in columns.items():
         refuse_thousands(table, k, values)
     refuse_second_time(table, columns)
-    refuse_several_devices(table, columns, time)
+    refuse_several_devices(table, columns, names)
 
 
 def _dialect(text: CsvText) -> Dialect:

@@ -19,7 +19,7 @@ def seconds_of_date(cell: str) -> float | None:
     midnight; None for anything else, and for a date of which the day and the month may be swapped.
 
     Dates are those of ISO 8601, also with / or . as in 2026/03/31, and 31.03.2026; 03/31/2026 where
-    a number above 12 or AM or PM tells the month.
+    a number above 12, AM or PM shows which one is the month.
     """
     cell = cell.strip()
     if not LOOKS_LIKE_DATE.match(cell):

@@ -76,7 +76,8 @@ def unit_at_end(name: str, column: str) -> Stated | None:
     ends = ["/".join(parts[-2:])] * (len(parts) > 2) + parts[-1:] * (len(parts) > 1)
     for text in ends:
         written = text in UNITS.get(own_unit(column), {}) or text.lower() in ALIASES
-        factor = known_unit(text, column) if written and len(text) > 1 and text != "min" else None
+        is_stated = written and len(text) > 1 and text != "min" and not re.search(r"\d", text)
+        factor = known_unit(text, column) if is_stated else None
         if factor is not None:
             return Stated(text, factor) if factor != 1.0 else None
     return None

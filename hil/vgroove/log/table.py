@@ -50,6 +50,10 @@ class UnsignedCurrent:
     min_current_a: float = 1.0  # noise and offset hide the sign of a smaller current
     min_rows: int = 20  # least number of rows with braking or reverse drive for a decision
     negative_share: float = 0.02  # of the largest magnitude: a signed current goes below minus this
+    # a current that stays above this share of the largest magnitude, and whose means in drive and
+    # in braking or reverse drive differ by more than this share of its range, has an offset
+    least_share: float = 0.8
+    most_apart: float = 0.5
 
 
 UNSIGNED = UnsignedCurrent()
@@ -194,7 +198,14 @@ def current_is_unsigned(log: Log) -> bool:
     rows = (brakes | reverses) & (np.abs(current) > UNSIGNED.min_current_a)
     if rows.sum() < UNSIGNED.min_rows:
         return False
-    return bool(np.nanmin(current) > -UNSIGNED.negative_share * np.nanmax(np.abs(current)))
+    least, largest = np.nanmin(current), np.nanmax(np.abs(current))
+    if least <= -UNSIGNED.negative_share * largest:
+        return False
+    driven = closed & (duty > 0) & np.isfinite(current)
+    if least < UNSIGNED.least_share * largest or not driven.any():
+        return True
+    other_way = float(np.nanmean(current[driven]) - np.nanmean(current[rows]))
+    return abs(other_way) <= UNSIGNED.most_apart * float(largest - least)
 
 
 def standstill_offset(log: Log) -> float:

@@ -299,8 +299,17 @@ class Engine:
         return sorted(fits, key=lambda one: (costs[id(one)], one.ids))
 
     def is_gain(self, one: Fit, cost: float) -> bool:
-        """Whether a cost lies below a fit's by more than what a converged fit may still gain."""
+        """Whether a cost, under the Huber threshold of a fit, lies below that of the fit by more
+        than what a converged fit may still gain.
+        """
         return one.cost - cost > self.converged_gain(one)
+
+    def gains_on(self, other: Fit, one: Fit) -> bool:
+        """Whether the cost of another fit lies so far below that of a fit, both under one
+        threshold.
+        """
+        cost, least = self.costs_alike([one, other])
+        return cost - least > self.converged_gain(one)
 
     @staticmethod
     def converged_gain(one: Fit) -> float:

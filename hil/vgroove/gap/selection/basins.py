@@ -47,4 +47,4 @@ def better_neighbour(search: Search, one: Fit, spread: float) -> Fit | None:
         return None
     start = points[int(np.argmin(costs))]
     again = search.engine.fit([replace(one.hypothesis, start=start)], COMPARISON.max_rounds)[0]
-    return again if search.engine.is_gain(one, again.cost) else None
+    return again if search.engine.gains_on(again, one) else None

@@ -132,7 +132,7 @@ def reference_fit(search: Search, ids: Sequence[str] = REFERENCE_EFFECTS) -> Fit
         return None
     starts = search.engine.hypotheses(found)
     starts = starts[:1] + (least_costly(search, starts[1:]) if len(starts) > 1 else [])
-    return min(search.engine.fit(starts, COMPARISON.max_rounds), key=lambda one: one.cost)
+    return search.engine.closest(search.engine.fit(starts, COMPARISON.max_rounds))[0]
 
 
 def reference_fits_with_one_more(search: Search, not_in_balance: list[Effect]) -> Iterator[Fit]:

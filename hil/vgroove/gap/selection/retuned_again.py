@@ -34,7 +34,7 @@ def retune_again(search: Search) -> Search:
     (plain,) = engine.hypotheses([])
     search.fit_and_keep([replace(plain, start=nuisance(one)) for one in closest])
     found = search.fits[()]
-    if not engine.is_gain(known, found.cost):
+    if not engine.gains_on(found, known):
         search.fits[()] = known
         return search
     engine.nuisance_columns = found.jacobian

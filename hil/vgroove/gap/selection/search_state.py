@@ -743,8 +743,8 @@ def refit_near_best(search: Search) -> None:
     for one in near:
         one.improving, one.exact = True, False
     search.engine.continue_fits(near, range(COMPARISON.max_rounds))
-    if near:
-        predict_held_out(search.engine, search.near_best(near))
+    closest = {id(f) for f in search.near_best(near)} if near else set()
+    predict_held_out(search.engine, [f for f in near if f is search.retuned or id(f) in closest])
 
 
 def whitened(search: Search) -> Search:

@@ -150,7 +150,7 @@ def best_brief_starts(search: Search, starts: list[list[Hypothesis]]) -> list[Hy
     found = []
     for part in split_by_size([len(group) for group in starts], STARTS.fitted_at_once):
         brief = search.engine.fit([h for group in starts[part] for h in group], STARTS.brief_rounds)
-        for group in by_effect(brief):
+        for group in by_effect(search, brief):
             kept = group[: 2 if len(group) > STARTS.many else 1]
             found += [replace(f.hypothesis, start=f.x) for f in kept]
     return found
@@ -291,12 +291,12 @@ def periods_per_rev(h: Hypothesis, ratio: float) -> float:
     return PERIODIC[effect].periods_per_rev(lambda name: starts[f"effects.{effect}.{name}"], ratio)
 
 
-def by_effect(fits: Sequence[Fit]) -> list[list[Fit]]:
+def by_effect(search: Search, fits: Sequence[Fit]) -> list[list[Fit]]:
     """Fits of single effects grouped by effect, the best start first."""
     groups: dict[str, list[Fit]] = {}
     for one in fits:
         groups.setdefault(one.ids[0], []).append(one)
-    return [sorted(group, key=lambda f: f.cost) for group in groups.values()]
+    return [search.engine.closest(group) for group in groups.values()]
 
 
 def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:

@@ -5,6 +5,7 @@ import numpy as np
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.intervals import Estimate
 from vgroove.gap.selection.model_comparison import (
+    BOOTSTRAP,
     Blocks,
     block_sums,
     make_blocks,
@@ -66,6 +67,8 @@ def closed_interval(search: Search, shown: Fit) -> list[float] | None:
     if closed is None:
         return None
     blocks = make_blocks(problem, problem.judged, search.blocks.length_s, search.seed)
+    if blocks.count < BOOTSTRAP.min_count:
+        return [0.0, 1.0]
     before, after = (
         np.sqrt(_drawn_means(blocks, problem.squared(search.gap_residual(f))))
         for f in (search.nominal, shown)

@@ -14,6 +14,7 @@ from math import factorial
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.fitting.engine import MAX_RESIDUAL
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
 from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.selection.extension import added_effects
@@ -101,7 +102,8 @@ def residual_without_effects(search: Search, best: Fit) -> np.ndarray:
     columns = [column for c in numbers for column in c.columns]
     columns += [column for column, _ in best.hypothesis.fixed]
     theta[columns] = problem.theta0[columns]
-    return engine.weighted(problem.residuals(theta[None, :], engine.angles)[0])
+    (row,) = engine.weighted(problem.residuals(theta[None, :], engine.angles))
+    return np.clip(row, -MAX_RESIDUAL, MAX_RESIDUAL)
 
 
 def subsystem_of(name: str) -> str:
