@@ -1,5 +1,5 @@
 """Widening of the standard deviations where even the best model stays far above the noise of the
-sensors (search_state.rescale): by how much, of which signals, and that fits stay consistent.
+sensors (discrepancy.rescale): by how much, of which signals, and that fits stay consistent.
 """
 
 from dataclasses import replace
@@ -12,8 +12,9 @@ from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.selection import search, search_state
+from vgroove.gap.selection.discrepancy import rescale
 from vgroove.gap.selection.options import DiagnosisOptions
-from vgroove.gap.selection.search_state import COMPARISON, Search, rescale
+from vgroove.gap.selection.search_state import COMPARISON, Search
 
 COULOMB = {"effects.coulomb_friction.torque_nm": 0.004}
 EFFECTS = ("coulomb_friction", "current_gain", "viscous_friction")

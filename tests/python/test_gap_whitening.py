@@ -1,4 +1,4 @@
-"""Residuals without their correlation in time (fitting/whitening.py, search_state.whitened): the
+"""Residuals without their correlation in time (fitting/whitening.py, discrepancy.whitened): the
 filters, that fits stay consistent, and that an effect is found below slow model errors.
 """
 
@@ -22,9 +22,10 @@ from vgroove.gap.fitting.whitening import (
 from vgroove.gap.selection import search_state
 from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.comparison import comparison_of
+from vgroove.gap.selection.discrepancy import rescale, whitened
 from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.selection.search import Selection, select, select_whitened
-from vgroove.gap.selection.search_state import Search, key, rescale, whitened
+from vgroove.gap.selection.search_state import Search, key
 from vgroove.gap.verdict import decision
 
 ROWS = 20000

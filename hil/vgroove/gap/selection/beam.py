@@ -15,9 +15,10 @@ import numpy as np
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.huber import huber_weight
 from vgroove.gap.selection.candidate_sets import distinct_hypotheses
+from vgroove.gap.selection.discrepancy import rescale
 from vgroove.gap.selection.extension import added_effects, extensions
 from vgroove.gap.selection.limits import STEPWISE
-from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key, rescale
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key
 
 
 @dataclass(frozen=True)

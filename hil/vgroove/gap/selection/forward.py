@@ -7,9 +7,10 @@ import numpy as np
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.basins import deepest_minimum
 from vgroove.gap.selection.candidate_sets import distinct_hypotheses, gains, prefer_special_cases
+from vgroove.gap.selection.discrepancy import rescale
 from vgroove.gap.selection.extension import extensions, restarted_extensions
 from vgroove.gap.selection.limits import STEPWISE
-from vgroove.gap.selection.search_state import COMPARISON, Search, key, rescale
+from vgroove.gap.selection.search_state import COMPARISON, Search, key
 
 
 def forward(search: Search) -> tuple[Search, Fit]:

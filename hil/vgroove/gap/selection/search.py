@@ -17,11 +17,12 @@ from vgroove.gap.selection.candidate_sets import (
     fit_without,
     prefer_special_cases,
 )
+from vgroove.gap.selection.discrepancy import whitened
 from vgroove.gap.selection.extension import extensions
 from vgroove.gap.selection.forward import forward
 from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import bootstrap_means
-from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key, whitened
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key
 from vgroove.gap.selection.single_effects import align_to_selection, fit_single_effects
 from vgroove.gap.selection.size_prior import MIN_PRIOR_ODDS, is_implausible, prior_density
 

@@ -13,10 +13,11 @@ from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.protocol import MeasuredProblem
+from vgroove.gap.selection.discrepancy import reblock, rescale
 from vgroove.gap.selection.extension import AddedEffect, differentiate_added
 from vgroove.gap.selection.model_comparison import MIN_POWER, clipped_squares
 from vgroove.gap.selection.retuned_again import may_retune_again, retune_again
-from vgroove.gap.selection.search_state import COMPARISON, Search, key, reblock, rescale
+from vgroove.gap.selection.search_state import COMPARISON, Search, key
 
 
 @dataclass(frozen=True)
