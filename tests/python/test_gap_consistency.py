@@ -231,6 +231,26 @@ def test_a_true_effect_keeps_its_size_beside_a_tolerated_value_at_its_limit(
     assert by_time.is_constant()
 
 
+@pytest.mark.parametrize(
+    ("coulomb_nm", "viscous", "tolerance"), [(0.01225, 2e-7, 0.01), (0.0121, 1e-7, 0.003)]
+)
+def test_tolerated_values_keep_their_prior_around_the_rig_in_a_part(
+    coulomb_nm: float, viscous: float, tolerance: float
+) -> None:
+    """Around the fitted value, 1.2 and 1.8 sigmas away, the size in all rows would be 0.93 and
+    0.87.
+    """
+    effect = BY_ID["viscous_friction"]
+    hidden = {"effects.viscous_friction.nm_s_per_rad": viscous, "motor.coulomb_nm": coulomb_nm}
+    toy = Toy(hidden)
+    engine = Engine(toy, SCALES, {"motor.coulomb_nm": tolerance})
+    search = search_state.begin(engine, [effect], DiagnosisOptions())
+    (best,) = search.fit_and_keep(engine.hypotheses([effect]))
+    slope = consistency.size_response(search, best, effect.id)
+    whole = consistency.part_sizes(search, best, slope, np.zeros(toy.n, int))
+    assert whole.value == pytest.approx([1.0], abs=0.01)
+
+
 def test_the_sizes_of_an_imitation_change_from_part_to_part(one_sided: search_state.Search) -> None:
     """A friction in one direction alone, fitted as Coulomb friction."""
     best = one_sided.fits[("coulomb_friction",)]

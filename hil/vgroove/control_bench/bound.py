@@ -91,7 +91,8 @@ class BlowPhase:
 def shaped_run(
     task: Task, shape: np.ndarray, *, phase_error: float = 0.0, give_up_s: float = 10.0
 ) -> Run:
-    """The plant without firmware under a shape until the head has passed the aim or for give_up_s.
+    """A run of the plant without firmware, its duty given by a shape, until the head has passed the
+    aim, and for give_up_s at most.
 
     `phase_error` in periods delays the harmonic against the true blows.
     """

@@ -23,9 +23,9 @@ def halved(rows: Sequence[Any], columns: Sequence[Any]) -> list[tuple[str, Any, 
 
 
 def seed_of(half: str, *numbers: int) -> int:
-    """A seed for the numbers of a cell, each in 0..SEED_BASE - 1 but the first, which may be of any
-    size, as the number of a draw. No two lists of the same length have the same seed; those of the
-    two halves differ (odd and even). ValueError for a number out of range.
+    """A seed for the numbers that identify a cell. The first one, that of the draw, may be of any
+    size, the others lie in 0..SEED_BASE - 1. No two lists of the same length have the same seed;
+    those of the two halves differ (odd and even). ValueError for a number out of range.
     """
     if min(numbers) < 0 or max(numbers[1:], default=0) >= SEED_BASE:
         raise ValueError(f"numbers of a cell must lie in 0..{SEED_BASE - 1}: {numbers}")

@@ -41,8 +41,7 @@ class Table:
         with self.open() as file:
             lines = (line for line in islice(file, self.dialect.skipped, None) if is_whole(line))
             for row in csv.reader(lines, delimiter=self.dialect.delimiter):
-                again = tuple(cell.strip() for cell in row) == self.dialect.header
-                if is_row(row) and not again:
+                if is_row(row) and not self.dialect.is_header_again(row):
                     yield row[k].strip() if k < len(row) else ""
 
 

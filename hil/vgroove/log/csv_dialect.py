@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -42,6 +42,11 @@ class Dialect:
     head_lines: int = 0
     lines_below: int = 0
     in_cells: tuple[str, ...] = ()
+
+    def is_header_again(self, row: Sequence[str]) -> bool:
+        """Whether the cells of a row repeat the names of the columns."""
+        begins = bool(row) and row[0].strip() == self.header[0]
+        return begins and tuple(cell.strip() for cell in row) == self.header
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,7 @@ def _head(rows: list[tuple[str, ...]]) -> _Head:
 
 
 def _is_words(row: tuple[str, ...], size: int) -> bool:
-    """Whether a line below the names holds words alone, no sample: types, forms of mean."""
+    """Whether a line below the names holds words alone, such as types, and no sample."""
     return len(row) == size > 1 and any(row) and not any(map(_begins_with_number, row))
 
 

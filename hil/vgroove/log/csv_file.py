@@ -169,8 +169,7 @@ class _Rows:
         self.dates, self._time_name = False, time_name
         self.repeated: list[int] = []
         self._path, self._file, self._line = path, iter(file), dialect.skipped
-        self.header, self._delimiter = dialect.header, dialect.delimiter
-        self._units = dialect.in_cells
+        self.header, self._delimiter, self._dialect = dialect.header, dialect.delimiter, dialect
         for _ in range(dialect.skipped):
             next(self._file)
 
@@ -225,7 +224,7 @@ class _Rows:
         if name == self._time_name and cells and LOOKS_LIKE_DATE.match(cells[0].strip()):
             self.dates = True
             return reader.dates(name, cells)
-        if unit := dict(enumerate(self._units)).get(k):
+        if unit := dict(enumerate(self._dialect.in_cells)).get(k):
             cells = reader.without_unit(name, cells, unit)
         return reader.numbers(name, cells)
 
@@ -258,7 +257,7 @@ class _Rows:
                 self._line = before + reader.line_num
                 if row is None:
                     return
-                if tuple(cell.strip() for cell in row) == self.header:
+                if self._dialect.is_header_again(row):
                     self.repeated.append(self._line)
                 elif is_row(row):
                     yield self._line, row

@@ -204,8 +204,8 @@ def current_is_unsigned(log: Log) -> bool:
     driven = closed & (duty > 0) & np.isfinite(current)
     if least < UNSIGNED.least_share * largest or not driven.any():
         return True
-    other_way = float(np.nanmean(current[driven]) - np.nanmean(current[rows]))
-    return abs(other_way) <= UNSIGNED.most_apart * float(largest - least)
+    apart = float(np.nanmean(current[driven]) - np.nanmean(current[rows]))
+    return abs(apart) <= UNSIGNED.most_apart * float(largest - least)
 
 
 def standstill_offset(log: Log) -> float:

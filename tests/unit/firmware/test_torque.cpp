@@ -85,7 +85,7 @@ double amperes(int16_t a_q8) {
     return a_q8 / 256.0;
 }
 
-// A drive to a target, at a current that is by above_a higher than that of a hard joint there.
+// A drive to a target at the current of a hard joint at that target, plus above_a.
 Tool tool_beside(int target_nm, double above_a) {
     Tool tool(static_cast<int16_t>(target_nm));
     tool.current_a = amperes(torque_map_settled_a_q8(row_of(target_nm))) + above_a;

@@ -398,8 +398,8 @@ class Engine:
         return np.where(self.groups.leaves_out[:, None], self.steps(one)[1], 0.0)
 
     def taken_steps(self, one: Fit) -> np.ndarray:
-        """Steps (folds, p) from a converged fit: those that were simulated, where the out-of-fold
-        residuals are, else fold_steps().
+        """Steps (folds, p) from a converged fit to the fit of each fold: those with which its
+        held-out residuals were simulated, or fold_steps() where they are only first-order.
         """
         return one.fold_steps if one.exact and len(one.fold_steps) else self.fold_steps(one)
 

@@ -8,10 +8,8 @@ from vgroove.gap.log_check.nominal import Pair
 MIN_ROWS = 20  # that turn backwards, and forwards, in the simulation
 LEAST_SHARE = 0.02  # of the largest speed: a speed with sign goes below minus this
 TURNS_SHARE = 0.2  # of the largest nominal speed, beyond which a row turns in any case
-FOLLOWS = (
-    0.5,
-    2.0,
-)  # median ratio to the nominal magnitude, which a load that drives does not have
+# median ratio to the nominal magnitude; the speed of a load that drives the tool lies outside
+FOLLOWS = (0.5, 2.0)
 
 
 def magnitude_findings(pairs: list[Pair]) -> list[Finding]:
@@ -30,8 +28,8 @@ def magnitude_findings(pairs: list[Pair]) -> list[Finding]:
 
 
 def _rows_of_magnitude(pair: Pair) -> int:
-    """Number of rows in which a column is the magnitude of a nominal signal that is negative; 0 for
-    a column with sign.
+    """Number of rows in which the nominal signal is negative and the column has its magnitude; 0
+    for a column with sign.
     """
     known = np.isfinite(pair.measured) & np.isfinite(pair.nominal)
     measured, nominal = pair.measured[known], pair.nominal[known]

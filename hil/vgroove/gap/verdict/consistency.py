@@ -66,11 +66,13 @@ VARYING_OVER = ("speed", "current", "motor angle", "time since start")
 
 
 @dataclass(frozen=True)
-class OtherNumbers:
-    """Numbers of a fit that are fitted again beside the size of an effect.
+class SizeRegression:
+    """A regression of residuals on the size of an effect and on other numbers of its fit.
 
-    columns (n, k): of the Jacobian; value (k,): where the fit ended; prior (k,): inverse variance
-    of their priors, which are centred at the rig's values, 0; low, high (k,): bounds.
+    columns (n, 1 + k): change of the residuals for an added size of 1, and the other numbers'
+    columns of the Jacobian; value (1 + k,): where the fit ended (0 for the added size); prior
+    (1 + k,): inverse variance of the priors, which are centred at 0, the rig's values; low, high
+    (1 + k,): bounds.
     """
 
     columns: np.ndarray
@@ -80,26 +82,27 @@ class OtherNumbers:
     high: np.ndarray
 
     @classmethod
-    def of(cls, best: Fit, which: Sequence[int]) -> "OtherNumbers":
-        """Those of a fit at the indices `which` (k,)."""
-        index, h = np.asarray(which, dtype=int), best.hypothesis
-        columns = best.jacobian[:, index]
-        return cls(columns, best.x[index], h.prior[index], h.low[index], h.high[index])
-
-    def step_beside(
-        self, slope: np.ndarray, residual: np.ndarray, rows: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Step (1 + k,) of the size and of these numbers that a regression of the residuals (n,) in
-        `rows` takes within the bounds, and the inverse (1 + k, 1 + k) of its normal matrix, 0 for
-        numbers that end at a bound. slope (n,): change of the residuals for an added size of 1.
+    def of(cls, best: Fit, slope: np.ndarray, others: Sequence[int]) -> "SizeRegression":
+        """That of the size with the derivative slope (n,) and of the numbers of a fit at the
+        indices `others` (k,).
         """
-        columns = np.column_stack([slope[rows], self.columns[rows]])
-        normal = columns.T @ columns + np.diag([TINY, *(self.prior + TINY)])
-        gradient = columns.T @ residual[rows] + np.concatenate([[0.0], self.prior * self.value])
-        low, high = (
-            np.concatenate([[end], bound - self.value])
-            for end, bound in ((-np.inf, self.low), (np.inf, self.high))
+        index, h = np.asarray(others, dtype=int), best.hypothesis
+        return cls(
+            np.column_stack([slope, best.jacobian[:, index]]),
+            np.concatenate([[0.0], best.x[index]]),
+            np.concatenate([[0.0], h.prior[index]]),
+            np.concatenate([[-np.inf], h.low[index]]),
+            np.concatenate([[np.inf], h.high[index]]),
         )
+
+    def step(self, residual: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Step (1 + k,) of all numbers within their bounds by the residuals (n,) in `rows`, and the
+        inverse (1 + k, 1 + k) of the normal matrix, 0 for numbers that end at a bound.
+        """
+        columns = self.columns[rows]
+        normal = columns.T @ columns + np.diag(self.prior + TINY)
+        gradient = columns.T @ residual[rows] + self.prior * self.value
+        low, high = self.low - self.value, self.high - self.value
         step = bounded_step(normal, gradient, low, high)
         free = np.flatnonzero((low < step) & (step < high))
         inverse = np.zeros_like(normal)
@@ -227,31 +230,28 @@ def part_sizes(search: Search, best: Fit, slope: np.ndarray, part: np.ndarray) -
     """Sizes of an effect in those parts that show it. slope (n,): its size_response(); part: number
     (n,) of each row's part.
     """
-    nuisance = OtherNumbers.of(best, range(best.hypothesis.count, len(best.x)))
+    nuisance = range(best.hypothesis.count, len(best.x))
+    regression = SizeRegression.of(best, slope, nuisance)
     residual, found = _clipped(best.residual), []
     for number in np.unique(part):
         rows = np.flatnonzero((part == number) & search.blocks.tested)
-        found.append(_size_in_part(slope, nuisance, residual, rows, search.blocks.cluster))
+        found.append(_size_in_part(regression, residual, rows, search.blocks.cluster))
     value, sigma, power = np.array(found).T
     shown = sigma < LIMITS.max_part_sigma
     return PartSizes(value[shown], sigma[shown], power[shown])
 
 
 def _size_in_part(
-    slope: np.ndarray,
-    nuisance: OtherNumbers,
-    residual: np.ndarray,
-    rows: np.ndarray,
-    cluster: np.ndarray,
+    regression: SizeRegression, residual: np.ndarray, rows: np.ndarray, cluster: np.ndarray
 ) -> tuple[float, float, float]:
     """Size of an effect in the rows (m,) of a part, its standard deviation by the sandwich over
     clusters (n,), at least that of white noise of the residual's power, and the squared gap that
-    the effect makes there. slope (n,): its size_response(); residual (n,).
+    the effect makes there. residual (n,).
     """
-    if slope[rows] @ slope[rows] <= 10.0 * TINY:
+    columns = regression.columns[rows]
+    if columns[:, 0] @ columns[:, 0] <= 10.0 * TINY:
         return 0.0, np.inf, 0.0
-    step, inverse = nuisance.step_beside(slope, residual, rows)
-    columns = np.column_stack([slope[rows], nuisance.columns[rows]])
+    step, inverse = regression.step(residual, rows)
     left = residual[rows] + columns @ step
     score = columns * left[:, None]
     places = np.unique(cluster[rows], return_inverse=True)[1]
@@ -313,13 +313,13 @@ def is_significant_size(search: Search, best: Fit, effect_id: str) -> bool:
     """
     tested = search.blocks.tested
     other = [k for k, c in enumerate(best.hypothesis.coordinates) if not is_leading(c, effect_id)]
-    numbers, slope = OtherNumbers.of(best, other), sensitivity(best, effect_id)
-    if not slope[tested].any():
+    regression = SizeRegression.of(best, sensitivity(best, effect_id), other)
+    columns = regression.columns * tested[:, None]
+    if not columns[:, 0].any():
         return False
-    step, inverse = numbers.step_beside(slope, _clipped(best.residual), np.flatnonzero(tested))
-    columns = np.column_stack([slope, numbers.columns]) * tested[:, None]
-    influence = columns @ inverse[:, 0]
-    left = np.where(tested, _clipped(best.residual), 0.0) + columns @ step
+    residual = np.where(tested, _clipped(best.residual), 0.0)
+    step, inverse = regression.step(residual, np.flatnonzero(tested))
+    influence, left = columns @ inverse[:, 0], residual + columns @ step
     size, quantile = 1.0 + float(step[0]), 0.5 * (1.0 + significance(search, effect_id))
     return any(
         size > float(stdtrit(freedom, quantile)) * error
