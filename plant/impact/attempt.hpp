@@ -86,7 +86,7 @@ template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, d
         if (t.by_series) {
             series_attempt(self, h, e);
             t.error = impact_error(self, h, e);
-            return SERIES_REDUCE;
+            return 0.9 / std::sqrt(std::sqrt(max_of(t.error, 1e-8)));
         }
         if (t.flight) {
             flight_attempt(self, h, e);

@@ -107,6 +107,7 @@ template <class L> void impact_start(ImpactSolver<L> &s) {
     if (s.model.two_bodies)
         s.state.x[STATE_TWIST] = 0.0;
     s.allowed_s = IMPACT_FIRST_CONTACT_S;
+    s.series_s = IMPACT_NO_HORIZON_S;
     s.slope_stale = true;
     s.pending = false;
     s.elapsed_s = 0.0;

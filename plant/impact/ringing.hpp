@@ -19,6 +19,25 @@ template <class L> VGROOVE_INLINE double ring_swing(const Impact &m, const Impac
                      s.x[L::ANVIL_SPEED] * s.x[L::ANVIL_SPEED] / m.ring_square);
 }
 
+// Bound of the torque T = K e + C e' of the untouched anvil from here on. T obeys the equation of
+// the twist e itself, so that T^2 + T'^2 / ring_square never grows.
+template <class L> VGROOVE_INLINE double ring_torque(const Impact &m, const ImpactState<L> &s) {
+    const double twist = s.x[L::TWIST], speed = s.x[L::ANVIL_SPEED];
+    const double torque = m.joint.stiffness * twist + m.joint.damping * speed;
+    const double rate =
+        m.joint.stiffness * speed - m.joint.damping * m.anvil_inertia_inverse * torque;
+    return std::sqrt(torque * torque + rate * rate / m.ring_square);
+}
+
+// Amplitude of the part of the twist that a long step could hide between its ends, rad: the whole
+// oscillation; of an anvil that creeps back only the faster of its two exponentials.
+template <class L> VGROOVE_INLINE double ring_hidden(const Impact &m, const ImpactState<L> &s) {
+    if (m.ring_swings || m.ring_rate <= 0.0)
+        return ring_swing<L>(m, s);
+    const double slow = m.ring_decay - m.ring_rate;
+    return std::fabs(s.x[L::ANVIL_SPEED] + slow * s.x[L::TWIST]) / (2.0 * m.ring_rate);
+}
+
 // Whether the hammer's lugs are out of reach of an anvil with this amplitude
 template <class L>
 VGROOVE_INLINE bool ring_clear(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s,
@@ -41,9 +60,7 @@ template <class L> VGROOVE_INLINE void ring_begin(ImpactSolver<L> &self) {
     if (swing < FROZEN_TWIST_RAD) {
         mode.frozen = true;
     } else if (!mode.ringing) {
-        const double torque =
-            swing * (self.model.joint.stiffness +
-                     self.model.joint.damping * std::sqrt(self.model.ring_square));
+        const double torque = ring_torque<L>(self.model, s);
         const double peak = self.recorder.any ? self.recorder.blows.back().peak_torque_nm : 0.0;
         mode.ringing =
             torque < self.point.forward_nm && torque < self.point.backward_nm && torque <= peak;
@@ -60,8 +77,9 @@ template <class L> VGROOVE_INLINE void ring_begin(ImpactSolver<L> &self) {
 template <class L> VGROOVE_INLINE double ring_longest(const ImpactSolver<L> &self) {
     if (!self.mode.ringing)
         return IMPACT_NO_HORIZON_S;
-    const double swing = ring_swing<L>(self.model, self.state);
-    return swing < RING_NEGLIGIBLE_RAD || ring_clear<L>(self.model, self.mode, self.state, swing)
+    return ring_hidden<L>(self.model, self.state) < RING_NEGLIGIBLE_RAD ||
+                   ring_clear<L>(self.model, self.mode, self.state,
+                                 ring_swing<L>(self.model, self.state))
                ? IMPACT_NO_HORIZON_S
                : RING_STEP / std::sqrt(self.model.ring_square);
 }
@@ -71,10 +89,10 @@ template <class L> VGROOVE_INLINE double ring_longest(const ImpactSolver<L> &sel
 template <class L> VGROOVE_INLINE bool ring_contact_missed(const ImpactSolver<L> &self, double h) {
     if (!self.mode.ringing)
         return false;
-    const double swing = ring_swing<L>(self.model, self.state);
-    return swing >= RING_NEGLIGIBLE_RAD &&
-           h * h * self.model.ring_square > 1.01 * RING_STEP * RING_STEP &&
-           !ring_clear<L>(self.model, self.mode, self.step.end, swing);
+    return h * h * self.model.ring_square > 1.01 * RING_STEP * RING_STEP &&
+           ring_hidden<L>(self.model, self.state) >= RING_NEGLIGIBLE_RAD &&
+           !ring_clear<L>(self.model, self.mode, self.step.end,
+                          ring_swing<L>(self.model, self.state));
 }
 
 }  // namespace vgroove

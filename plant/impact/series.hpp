@@ -18,8 +18,9 @@ namespace vgroove {
 
 constexpr int SERIES_GROOVE = 3;
 constexpr double SERIES_SHARE = 0.7;    // of the length that the last terms allow
-constexpr double SERIES_REDUCE = 0.5;   // factor on a step whose error is too large
 constexpr double SERIES_NEXT_S = 6e-4;  // first step of the method that follows the series
+// Factor of a step's growth, by its error, from which the error does not limit the next series
+constexpr double SERIES_FREE = 2.0;
 constexpr Reciprocals<SERIES_ORDER> SERIES_RECIPROCAL = reciprocals<SERIES_ORDER>();
 
 // The series during the recurrence; coefficients with a negative index are 0.

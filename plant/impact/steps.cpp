@@ -17,6 +17,7 @@ VGROOVE_CLONES_APART void impact_adapt(ImpactSolver<L> &self, double h, double f
     const double allowed =
         min_of(h * min_of(factor, 5.0), self.step.flight ? IMPACT_FLIGHT_MAX_S : IMPACT_STEP_MAX_S);
     if (self.step.by_series) {
+        self.series_s = factor < SERIES_FREE ? h * factor : IMPACT_NO_HORIZON_S;
         self.allowed_s = SERIES_NEXT_S;
         return;
     }
@@ -104,7 +105,7 @@ template <class L> VGROOVE_INLINE void impact_prepare(ImpactSolver<L> &self) {
         return;
     self.step.by_series = true;
     series_expand(self);
-    self.allowed_s = series_longest(self);
+    self.allowed_s = min_of(series_longest(self), self.series_s);
 }
 
 // Tries steps until the error of one is small enough, and finds its first event.

@@ -15,6 +15,7 @@ from vgroove.rig import Rig, read_rig
 from vgroove.scenario import make_plant, read_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
+HEIGHT = 2  # event of a step: the hammer passes the height of the lugs (plant/impact/events.hpp)
 LOCKED = {"kind": "locked", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3}
 HARD = {
     "kind": "hard_joint",
@@ -120,6 +121,55 @@ def test_no_load() -> None:
     assert free["speed_rad_s"][0, -300:].mean() / 5.6 * 30 / np.pi == pytest.approx(2813, abs=1)
     assert free["current_a"][0, -300:].mean() == pytest.approx(1.8, abs=0.05)
     assert out["current_a"][0, -300:].mean() > free["current_a"][0, -300:].mean()
+
+
+# Soft joint: its damping is above the critical one, and the anvil creeps back without oscillation.
+WOOD = {
+    "kind": "wood_screw",
+    "start_nm": 1.4,
+    "end_nm": 19.0,
+    "turns": 21.0,
+    "seat_nm": 40.0,
+    "seat_deg": 90.0,
+    "stripped_ratio": 0.35,
+    "from_turns": 8.0,
+    "loosen_ratio": 0.6,
+}
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping"), [(110.0, 0.3), (300.0, 0.5), (60.0, 0.2), (900.0, 0.3)]
+)
+def test_an_anvil_that_nothing_touches_does_not_shorten_the_steps(
+    stiffness: float, damping: float
+) -> None:
+    joint = {**WOOD, "stiffness_nm_per_rad": stiffness, "damping_nm_s_per_rad": damping}
+    out = run(rig_with(joint), mode="fast", history=True)
+    steps = out["history"]
+    # steps from the rise above the lugs to the way down: no event but those at both ends
+    events = np.flatnonzero(steps["event"] >= 0)
+    above = np.all(steps["event"][np.stack([events[:-1], events[1:]])] == HEIGHT, axis=0)
+    counts = np.diff(events)[above & (np.diff(steps["time_s"][events]) > 5e-3)]
+    assert len(counts) > 30
+    assert counts.max() <= 12
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(110.0, 0.3), (300.0, 0.5), (900.0, 0.3)])
+def test_a_soft_joint_is_followed_as_by_the_reference_mode(
+    stiffness: float, damping: float
+) -> None:
+    rig = rig_with({**WOOD, "stiffness_nm_per_rad": stiffness, "damping_nm_s_per_rad": damping})
+    fast, reference = (run(rig, seconds=0.3, mode=mode) for mode in ("fast", "reference"))
+    late, exact = fast["blows"][0], reference["blows"][0]
+    assert len(late) == len(exact) > 10
+    assert late["kind"].tolist() == exact["kind"].tolist()
+    assert np.abs(late["time_s"] - exact["time_s"]).max() < 2e-5
+    counted = exact["kind"] < 2
+    peaks = late["peak_torque_nm"] / exact["peak_torque_nm"] - 1.0
+    assert np.abs(peaks[counted]).max() < 1e-4
+    assert np.abs(peaks).max() < 0.01
+    turned = reference["head_rad"][0]
+    assert fast["head_rad"][0] == pytest.approx(turned, abs=2e-4 * turned[-1])
 
 
 @pytest.mark.parametrize(("duty", "hits"), [(0.5, 2), (0.3, 3)])
