@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "impact/coupled_step.hpp"
 #include "impact/flight.hpp"
 #include "impact/series.hpp"
 
@@ -81,6 +82,7 @@ template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, d
     t.event = -1;
     t.dense_ready = false;
     t.flight = !t.by_series && flight_applies(self);
+    t.coupled = false;
     if constexpr (!L::EXACT) {
         ImpactState<L> e;
         if (t.by_series) {
@@ -92,6 +94,12 @@ template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, d
             flight_attempt(self, h, e);
             t.error = impact_error(self, h, e);
             return 0.9 / std::sqrt(std::sqrt(max_of(t.error, 1e-8)));
+        }
+        t.coupled = coupled_applies(self, h);
+        if (t.coupled) {
+            coupled_attempt(self, h, e);
+            t.error = impact_error(self, h, e);
+            return 0.9 / std::cbrt(max_of(t.error, 1e-8));
         }
     }
     impact_attempt_contact(self, h);

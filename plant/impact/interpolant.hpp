@@ -63,9 +63,10 @@ template <class L> VGROOVE_CLONES_APART void impact_interpolate(ImpactSolver<L> 
         t.dense_2.x[n] = h * k1 - t.dense_1.x[n];
         t.dense_3.x[n] = t.dense_1.x[n] - h * t.end_slope.x[n] - t.dense_2.x[n];
     }
-    t.dense_5 = ImpactState<L>{};
+    t.dense_4 = t.dense_5 = ImpactState<L>{};
+    if (t.coupled)
+        return;
     if (t.flight) {
-        t.dense_4 = ImpactState<L>{};
         flight_dense(self, h, STATE_ANGLE, STATE_SPEED);
         flight_dense(self, h, L::HAMMER_ANGLE, L::HAMMER_SPEED);
         return;

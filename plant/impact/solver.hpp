@@ -63,6 +63,7 @@ template <class L> struct ImpactStep {
     int event;        // that ends it, or -1
     bool flight;      // by the method of flight.hpp, whose interpolant has d5
     bool by_series;   // by Taylor series, which is its own interpolant
+    bool coupled;     // by the method of coupled_step.hpp, whose interpolant is of third order
     bool dense_ready;
 };
 

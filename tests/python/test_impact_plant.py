@@ -172,6 +172,31 @@ def test_a_soft_joint_is_followed_as_by_the_reference_mode(
     assert fast["head_rad"][0] == pytest.approx(turned, abs=2e-4 * turned[-1])
 
 
+@pytest.mark.parametrize("inertia", [0.0, 2e-6, 4e-6])
+@pytest.mark.parametrize(("coupler", "ratio"), [(2000.0, 0.05), (6000.0, 0.3), (2e4, 0.05)])
+@pytest.mark.parametrize(("stiffness", "damping"), [(110.0, 0.3), (2500.0, 0.36)])
+def test_a_light_body_behind_a_coupler_does_not_shorten_the_steps(
+    stiffness: float, damping: float, coupler: float, ratio: float, inertia: float
+) -> None:
+    joint = {**WOOD, "stiffness_nm_per_rad": stiffness, "damping_nm_s_per_rad": damping}
+    effect = {"stiffness_nm_per_rad": coupler, "damping_ratio": ratio, "inertia_kg_m2": inertia}
+    theta = rig_with(joint).parameters()
+    for name, value in effect.items():
+        theta[core.PARAMETERS.index(f"effects.coupler_compliance.{name}")] = value
+    time_s = np.arange(301) * 1e-3
+    log = core.LogInput(time_s, "duty", np.ones(301), load_kind=joint["kind"])
+    fast, reference = (
+        core.simulate_impact(log, theta[None], mode=mode) for mode in ("fast", "reference")
+    )
+    assert fast["statistics"][0]["steps"] < 45 * 300
+    late, exact = fast["blows"][0], reference["blows"][0]
+    late, exact = late[late["kind"] == 0], exact[exact["kind"] == 0]
+    assert len(late) == len(exact) > 5
+    assert np.abs(late["time_s"] - exact["time_s"]).max() < 5e-5
+    assert late["peak_torque_nm"] == pytest.approx(exact["peak_torque_nm"], rel=1e-3)
+    assert fast["head_rad"][0, -1] == pytest.approx(reference["head_rad"][0, -1], rel=5e-4)
+
+
 @pytest.mark.parametrize(("duty", "hits"), [(0.5, 2), (0.3, 3)])
 def test_at_low_duty_each_lug_is_hit_more_than_once(duty: float, hits: int) -> None:
     late = settled(run(rig_with(LOCKED), duty))[3]

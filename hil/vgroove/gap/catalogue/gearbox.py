@@ -58,7 +58,7 @@ FLANKS = (
 )
 
 # A torque sensor between anvil and joint (docs/spec/model.md, section 6): 2,000 N m/rad, 0.2 N m
-# s/rad, 2e-5 kg m2
+# s/rad, 2e-5 kg m2. Stiffer than 1e5 N m/rad it is rigid beside any joint.
 COUPLER_BEFORE_JOINT = (
     Parameter(
         "stiffness_nm_per_rad",
@@ -69,6 +69,7 @@ COUPLER_BEFORE_JOINT = (
         (0.3, 1.0, 3.0),
         key=POSITIVE,
         neutral=OFF_AT_INFINITY,
+        widest_high=constant(1e5),
         plausible=constant(2000.0),
     ),
     Parameter(
@@ -79,6 +80,7 @@ COUPLER_BEFORE_JOINT = (
         constant(2.0),
         (8.0,),
         key=NOT_NEGATIVE,
+        widest_low=constant(0.002),
     ),
     Parameter(
         "inertia_kg_m2",
