@@ -12,7 +12,11 @@ from impact_logs import PARAMETERS, impact_rig, plant_log, ramp
 from vgroove.gap.catalogue.statistics import LEVEL, RUN_UP
 from vgroove.gap.residual.impact.nuisance import NuisanceDirections
 from vgroove.gap.residual.impact.problem import ImpactProblem
-from vgroove.gap.residual.impact.roll_outs import simulate_statistics
+from vgroove.gap.residual.impact.roll_outs import (
+    run_up_means,
+    run_up_residuals,
+    simulate_statistics,
+)
 from vgroove.gap.residual.impact.roughness import (
     NODE,
     ROUGHNESS,
@@ -155,6 +159,33 @@ def test_the_covariance_over_start_angles_keeps_its_variances() -> None:
     assert np.allclose(variance, statistics.var(axis=0, ddof=1))
     constant = StartScatter.of(np.ones((96, 4)))
     assert not constant.apart.any() and not constant.shared.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_part_of_the_statistics_is_judged_under_its_own_covariance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    responses, rows = rng.standard_normal((20, 5)) * 3.0, rng.random(20) < 0.4
+    part = NuisanceDirections.of(responses).of_rows(rows)
+    covariance = np.eye(rows.sum()) + responses[rows] @ responses[rows].T
+    half = part.whitened(np.eye(rows.sum()))
+    assert half @ covariance @ half.T == pytest.approx(np.eye(rows.sum()), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_start_angle_does_not_make_up_for_the_roughness(seed: int) -> None:
+    """A slip torque that is larger by one standard deviation of the roughness moves the first blows
+    by many standard deviations of their noise, but is judged as about one.
+    """
+    rig = impact_rig(load__run_torque_nm=float(np.random.default_rng(seed).uniform(1.0, 6.0)))
+    problem = load_problem([plant_log(rig, {}, seed, step(0.9))], rig)
+    run, theta = problem.runs[0], np.repeat(problem.of_log(0, problem.theta0[None]), 2, axis=0)
+    theta[:, COLUMN] = profiled_starts(run, theta)[0]
+    theta[1, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
+    plain, rough = run_up_means(run, theta)[:, run.judged[run.is_run_up]]
+    noise = np.linalg.norm((rough - plain) / run.sigma[run.judged & run.is_run_up])
+    plain, rough = run_up_residuals(run, theta)
+    assert np.linalg.norm(rough - plain) < 0.5 * noise
+    assert np.linalg.norm(rough - plain) < 3.0 < noise
 
 
 @pytest.mark.parametrize("column", ["current_a", "supply_v"])

@@ -13,6 +13,7 @@ from vgroove.gap.residual.huber import huber_loss
 from vgroove.gap.residual.impact import problem as impact_problem
 from vgroove.gap.residual.impact import start_angle
 from vgroove.gap.residual.impact.impact_run import FirstSpans, ImpactRun
+from vgroove.gap.residual.impact.roll_outs import run_up_means
 from vgroove.gap.residual.impact.roughness import roughness_responses
 from vgroove.gap.residual.impact.start_angle import with_starts
 from vgroove.gap.residual.loading import load_problem
@@ -170,10 +171,15 @@ def test_the_search_follows_the_first_spans_and_ends_at_the_minimum_of_the_whole
     run, plant = problem.runs[0], problem.of_log(0, problem.theta0[None])
     counts = [len(spans.run_up.first) for spans in run.search.stages]
     assert counts == sorted(set(counts)) and counts[-1] == len(run.run_up.first)
-    kept, whole = run.judged & run.is_run_up, start_angle.run_up_residuals(run, plant)
+    kept = run.judged & run.is_run_up
+    means = run_up_means(run, plant)[:, run.judged[run.is_run_up]]
+    noise = (run.measured[kept] - means) / run.sigma[kept]
     for spans, count in zip(run.search.stages, counts, strict=True):
-        first = whole[:, run.window[kept] < count]
-        np.testing.assert_allclose(start_angle.span_residuals(run, spans, plant), first, rtol=1e-9)
+        mine = run.window[kept] < count
+        part = run.nuisance.of_rows((kept & (run.window < count))[run.judged])
+        np.testing.assert_allclose(
+            start_angle.span_residuals(run, spans, plant), part.whitened(noise[:, mine]), rtol=1e-7
+        )
     found = start_angle.profiled_starts(run, plant)[0]
     near = found + np.linspace(-0.01, 0.01, 41)
     loss = huber_loss(

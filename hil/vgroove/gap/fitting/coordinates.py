@@ -10,6 +10,7 @@ import numpy as np
 
 from vgroove.gap.catalogue import Effect, Parameter, Scales
 from vgroove.gap.fitting.hypothesis import (
+    DIFFERENCE_STEP,
     MAX_NUISANCE_SIGMAS,
     Coordinate,
     Fit,
@@ -76,6 +77,7 @@ class HypothesisBuilder:
                         value,
                         -limit,
                         limit,
+                        self.problem.difference_factor * DIFFERENCE_STEP,
                         prior=True,
                         role="logarithm",
                     )

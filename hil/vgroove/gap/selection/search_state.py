@@ -17,6 +17,7 @@ from vgroove.gap.cleaning.sensor_noise import NOISE_KEYS
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.fitting.population import lowest_start
 from vgroove.gap.residual.agreement import MIN_CLIP_SIGMAS
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restart_angles import RestartAngles
@@ -680,7 +681,10 @@ def begin(
     nominal.exact = True
     retuned = nominal
     if engine.nuisance:
-        retuned = engine.fit(engine.hypotheses([]))[0]
+        (plain,) = engine.hypotheses([])
+        if problem.sigma_is_bound:  # the motion is not smooth in its parameters
+            plain = lowest_start(engine, plain)
+        retuned = engine.fit([plain])[0]
         predict_held_out(engine, [retuned])
         engine.nuisance_columns = retuned.jacobian
     tested = np.logical_or.reduce([test for _, test in problem.folds])

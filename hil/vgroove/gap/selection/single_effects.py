@@ -10,6 +10,7 @@ import numpy as np
 from vgroove.gap.catalogue import BY_ID, PERIODIC
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.fitting.population import start_near
 from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.protocol import MeasuredProblem
@@ -47,6 +48,7 @@ class StartLimits:
     on_line: int = 31  # sizes on a fine grid up to the largest of these, both ways
     kept_on_line: int = 2  # of these, as starts of fits
     tiny_ripple: float = 1e-3  # amplitude at which a ripple's slopes are taken, in typical sizes
+    populations: int = 4  # effects of least cost that are fitted again by populations
     max_widenings: int = 2  # of the bounds of the search at which a fit ends
     # gain that a periodic effect must have with aligned angles: squared sigmas, and ratio to the
     # largest gain of any effect without alignment
@@ -76,6 +78,7 @@ def fit_single_effects(search: Search) -> Search:
             finish_fits(search)
     else:
         fit_from_retuned(search, ripples, COMPARISON.max_rounds)
+    leave_poor_minima(search)
     refit_at_wider_bounds(search)
     fit_along_lines(search)
     search = align_to_best_single(search)
@@ -108,6 +111,17 @@ def finish_fits(search: Search) -> None:
     search.engine.continue_fits(rest, range(STARTS.brief_rounds, COMPARISON.max_rounds))
     near = {id(one) for one in search.near_best(singles)}
     predict_held_out(search.engine, [one for one in rest if id(one) in near])
+
+
+def leave_poor_minima(search: Search) -> None:
+    """Fit the effects of least cost again from the best points of populations around them, where
+    the cost is rough and retuning leaves a gap.
+    """
+    if not search.problem.sigma_is_bound or not search.leaves_gap(search.retuned):
+        return
+    closest = search.engine.closest([search.fits[(e.id,)] for e in search.effects])
+    starts = [start_near(search.engine, one) for one in closest[: STARTS.populations]]
+    search.fit_and_keep(starts, COMPARISON.max_rounds)
 
 
 def refit_at_wider_bounds(search: Search) -> None:

@@ -19,7 +19,7 @@ from vgroove.gap.residual.impact.cycle_statistics import CycleReader, StatisticP
 from vgroove.gap.residual.impact.cycle_windows import CycleWindows
 from vgroove.gap.residual.impact.log_cycles import read_cycles
 from vgroove.gap.residual.impact.missing_rows import Fill, fills_of, incomplete_spans
-from vgroove.gap.residual.impact.nuisance import NuisanceDirections
+from vgroove.gap.residual.impact.nuisance import NuisanceDirections, whitened
 from vgroove.gap.residual.impact.run_up import RunUp, run_up_spans
 from vgroove.gap.residual.impact.unusable import (
     refuse_begun_hammering,
@@ -36,7 +36,7 @@ NONE = np.zeros(0)
 @dataclass(frozen=True)
 class FirstSpans:
     """The first spans of a run-up: the plant's input along them, and of their judged statistics
-    (m,): judged marks them among those of the spans; measured, sigma: as in the run.
+    (m,): judged marks them among those of the spans; measured, sigma, nuisance: as in the run.
     """
 
     early: DrivingColumns
@@ -44,9 +44,16 @@ class FirstSpans:
     judged: np.ndarray
     measured: np.ndarray
     sigma: np.ndarray
+    nuisance: NuisanceDirections | None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+    def residuals(self, means: np.ndarray) -> np.ndarray:
+        """(measured - model) / sigma (B, m) for the means (B, n) of a model in the spans, without
+        what nuisances explain.
+        """
+        return whitened((self.measured - means[:, self.judged]) / self.sigma, self.nuisance)
 
 
 @dataclass(frozen=True)
@@ -153,6 +160,7 @@ class ImpactRun:
             self.judged[self.is_run_up][of_run_up],
             self.measured[mine],
             self.sigma[mine],
+            None if self.nuisance is None else self.nuisance.of_rows(mine[self.judged]),
         )
 
     @cached_property
@@ -175,7 +183,7 @@ class ImpactRun:
         """
         kept = self.judged
         found = (self.measured[kept] - statistics[..., kept]) / self.sigma[kept]
-        return found if self.nuisance is None else self.nuisance.whitened(found)
+        return whitened(found, self.nuisance)
 
 
 def prepare_impact_run(clean: CleanLog) -> ImpactRun:

@@ -30,9 +30,21 @@ class NuisanceDirections:
         kept = size > MIN_RESPONSE
         return cls(directions[:, kept], 1.0 / np.sqrt(1.0 + size[kept] ** 2))
 
+    def of_rows(self, rows: np.ndarray) -> "NuisanceDirections":
+        """Those that a part of the statistics shows, marked in rows (n,)."""
+        return self.of(self.directions[rows] * np.sqrt(1.0 / self.remains**2 - 1.0))
+
     def whitened(self, residual: np.ndarray) -> np.ndarray:
         """Residuals (..., n) times the symmetric inverse root of the covariance, so that each still
         belongs to its own statistic.
         """
-        along = residual @ self.directions
-        return residual - (along * (1.0 - self.remains)) @ self.directions.T
+        # contiguous sums, one residual after the other: those of a matrix product depend on the
+        # number of residuals
+        residual = np.ascontiguousarray(residual)
+        along = np.vecdot(residual[..., None, :], np.ascontiguousarray(self.directions.T))
+        return residual - np.vecdot((along * (1.0 - self.remains))[..., None, :], self.directions)
+
+
+def whitened(residual: np.ndarray, nuisance: NuisanceDirections | None) -> np.ndarray:
+    """Residuals (..., n) without what nuisances explain, where there are any."""
+    return residual if nuisance is None else nuisance.whitened(residual)

@@ -42,8 +42,7 @@ def span_residuals(run: ImpactRun, spans: FirstSpans, theta: np.ndarray) -> np.n
     """Residuals (B, m) of the judged statistics of the first spans of the run-up for parameter sets
     (B, P).
     """
-    means = _span_means(run, spans, theta)[:, spans.judged]
-    return (spans.measured - means) / spans.sigma
+    return spans.residuals(_span_means(run, spans, theta))
 
 
 def _span_means(run: ImpactRun, spans: FirstSpans, theta: np.ndarray) -> np.ndarray:

@@ -124,8 +124,12 @@ def with_start_curvature(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
     kept, deviation = run.is_run_up & run.judged, np.zeros(len(run.part))
     near = float(free_angle(theta)) / STARTS.of_sigma
     deviation[kept] = _curvature(run, run.all_spans, theta, near) * run.sigma[kept]
-    run = with_deviations(run, deviation)
-    return replace(run, search=_start_search(run, theta))
+    return with_deviations(run, deviation)
+
+
+def with_start_search(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
+    """The run with the search near the start angle of a parameter set (P,)."""
+    return run if run.early is None else replace(run, search=_start_search(run, theta))
 
 
 def _start_search(run: ImpactRun, theta: np.ndarray) -> StartSearch:

@@ -27,6 +27,7 @@ from vgroove.gap.residual.impact.start_angle import (
     start_angles,
     with_deviations,
     with_start_curvature,
+    with_start_search,
     with_starts,
 )
 from vgroove.gap.residual.impact.start_scatter import StartScatter
@@ -67,7 +68,7 @@ def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
     tools[:, COLUMN] = neutral[COLUMN]
     rough = roughness_responses(run, tools)
     run = with_start_curvature(with_deviations(run, rough.curvature), neutral)
-    run = with_responses(run, [rough.directions, scatter.shared])
+    run = with_start_search(with_responses(run, [rough.directions, scatter.shared]), neutral)
     best = closest_start(run, theta, tried)
     if has_effects:
         statistics = simulate_statistics(run, with_starts(theta, tried))
