@@ -95,11 +95,13 @@ template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, d
             t.error = impact_error(self, h, e);
             return 0.9 / std::sqrt(std::sqrt(max_of(t.error, 1e-8)));
         }
-        t.coupled = coupled_applies(self, h);
-        if (t.coupled) {
-            coupled_attempt(self, h, e);
-            t.error = impact_error(self, h, e);
-            return 0.9 / std::cbrt(max_of(t.error, 1e-8));
+        if constexpr (L::FULL) {
+            t.coupled = coupled_applies(self, h);
+            if (t.coupled) {
+                coupled_attempt(self, h, e);
+                t.error = impact_error(self, h, e);
+                return 0.85 * rough_inverse_root(max_of(t.error, 1e-8), 3);
+            }
         }
     }
     impact_attempt_contact(self, h);

@@ -39,7 +39,7 @@ VGROOVE_INLINE CoupledBlock coupled_block(const Impact &m, const ImpactMode &mod
 
 // Whether a step of length h is stiff
 template <class L> VGROOVE_INLINE bool coupled_applies(const ImpactSolver<L> &self, double h) {
-    if (!L::FULL || L::EXACT || self.fixed_s > 0.0 || !self.model.second_output)
+    if (L::EXACT || self.fixed_s > 0.0 || !self.model.second_output)
         return false;
     const CoupledBlock b = coupled_block(self.model, self.mode);
     const double rate = b.output_damping + b.joint_damping;

@@ -29,8 +29,9 @@ template <class L> VGROOVE_INLINE double ring_torque(const Impact &m, const Impa
     return std::sqrt(torque * torque + rate * rate / m.ring_square);
 }
 
-// Amplitude of the part of the twist that a long step could hide between its ends, rad: the whole
-// oscillation; of an anvil that creeps back only the faster of its two exponentials.
+// Amplitude of the part of the twist that may reach a lug within a long step although it does not
+// at its ends, rad: the whole oscillation; of an anvil that creeps back only the faster of its two
+// exponentials.
 template <class L> VGROOVE_INLINE double ring_hidden(const Impact &m, const ImpactState<L> &s) {
     if (m.ring_swings || m.ring_rate <= 0.0)
         return ring_swing<L>(m, s);

@@ -123,7 +123,7 @@ template <class L> VGROOVE_CLONES_APART void impact_try_step(ImpactSolver<L> &se
             return;
         }
         self.allowed_s = t.error <= 1.0 ? RING_STEP / std::sqrt(self.model.ring_square)
-                                        : h * max_of(factor, 0.2);
+                                        : h * min_of(max_of(factor, 0.2), 0.9);
         self.stats.rejected += 1.0;
         if (!(h > IMPACT_STEP_MIN_S))
             throw std::runtime_error("impact mechanism: the state is no longer finite");

@@ -179,8 +179,10 @@ def test_the_start_angle_does_not_make_up_for_the_roughness(seed: int) -> None:
     rig = impact_rig(load__run_torque_nm=float(np.random.default_rng(seed).uniform(1.0, 6.0)))
     problem = load_problem([plant_log(rig, {}, seed, step(0.9))], rig)
     run, theta = problem.runs[0], np.repeat(problem.of_log(0, problem.theta0[None]), 2, axis=0)
-    theta[:, COLUMN] = profiled_starts(run, theta)[0]
     theta[1, PARAMETERS.index(SLIP_TORQUE)] = ROUGHNESS
+    found = profiled_starts(run, theta)
+    assert found == pytest.approx(drawn_start(seed), abs=TOLERANCE_RAD)
+    theta[:, COLUMN] = found[0]
     plain, rough = run_up_means(run, theta)[:, run.judged[run.is_run_up]]
     noise = np.linalg.norm((rough - plain) / run.sigma[run.judged & run.is_run_up])
     plain, rough = run_up_residuals(run, theta)

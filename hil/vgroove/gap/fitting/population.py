@@ -31,7 +31,7 @@ class PopulationRules:
     # sizes, at least in typical ones
     spread: float = 0.5
     of_size: float = 1.0
-    # points that the linear model is fitted to: at least, and beyond the number of parameters
+    # best points that the linear model is fitted to, or `more` than parameters where that is more
     kept: int = 24
     more: int = 6
     # ridge of the linear model's slopes, in squared deviations over the scatter of the points
@@ -57,14 +57,14 @@ class Point:
     cost: float
 
 
-def lowest_start(engine: Engine, hypothesis: Hypothesis, seed: int = 0) -> Hypothesis:
+def lowest_start(engine: Engine, hypothesis: Hypothesis, seed: int) -> Hypothesis:
     """The hypothesis, all of whose coordinates have a standard normal prior, started at the point
     of least cost that the populations find; its own start is among their points.
     """
     return _Populations(engine, hypothesis, np.random.default_rng(seed)).started_lowest()
 
 
-def start_near(engine: Engine, one: Fit, seed: int = 0) -> Hypothesis:
+def start_near(engine: Engine, one: Fit, seed: int) -> Hypothesis:
     """The hypothesis of a fit, started at the point of least cost that a population around the fit
     finds.
     """
@@ -132,11 +132,11 @@ class _Populations:
         """Slopes (n, p) of the residuals by the coordinates, from the best points: a regression in
         which a point of higher cost has less weight.
         """
-        first = best[0]
-        limit = RULES.max_residual
-        change = np.array([np.clip(p.residual, -limit, limit) - first.residual for p in best])
-        design = (np.array([p.x for p in best]) - first.x) / scatter
-        weight = 1.0 / (1.0 + np.array([p.cost for p in best]) / first.cost)
+        limit, least = RULES.max_residual, np.finfo(float).tiny
+        residual = np.clip([p.residual for p in best], -limit, limit)
+        x, cost = np.array([p.x for p in best]), np.array([p.cost for p in best])
+        change, design = residual - residual[0], (x - x[0]) / scatter
+        weight = 1.0 / (1.0 + cost / max(cost[0], least))
         normal = (design.T * weight) @ design + RULES.ridge * np.eye(self.p)
         return np.linalg.solve(normal, (design.T * weight) @ change).T / scatter
 

@@ -683,7 +683,7 @@ def begin(
     if engine.nuisance:
         (plain,) = engine.hypotheses([])
         if problem.sigma_is_bound:  # the motion is not smooth in its parameters
-            plain = lowest_start(engine, plain)
+            plain = lowest_start(engine, plain, options.seed)
         retuned = engine.fit([plain])[0]
         predict_held_out(engine, [retuned])
         engine.nuisance_columns = retuned.jacobian

@@ -78,7 +78,7 @@ def fit_single_effects(search: Search) -> Search:
             finish_fits(search)
     else:
         fit_from_retuned(search, ripples, COMPARISON.max_rounds)
-    leave_poor_minima(search)
+    search = leave_poor_minima(search)
     refit_at_wider_bounds(search)
     fit_along_lines(search)
     search = align_to_best_single(search)
@@ -113,15 +113,17 @@ def finish_fits(search: Search) -> None:
     predict_held_out(search.engine, [one for one in rest if id(one) in near])
 
 
-def leave_poor_minima(search: Search) -> None:
-    """Fit the effects of least cost again from the best points of populations around them, where
-    the cost is rough and retuning leaves a gap.
+def leave_poor_minima(search: Search) -> Search:
+    """The search with the effects of least cost fitted again from the best points of populations
+    around them, where the cost is rough and retuning leaves a gap; then without effects from the
+    values of the tolerated keys that these found.
     """
     if not search.problem.sigma_is_bound or not search.leaves_gap(search.retuned):
-        return
+        return search
     closest = search.engine.closest([search.fits[(e.id,)] for e in search.effects])
-    starts = [start_near(search.engine, one) for one in closest[: STARTS.populations]]
+    starts = [start_near(search.engine, one, search.seed) for one in closest[: STARTS.populations]]
     search.fit_and_keep(starts, COMPARISON.max_rounds)
+    return retune_again(search) if may_retune_again(search) else search
 
 
 def refit_at_wider_bounds(search: Search) -> None:

@@ -28,7 +28,7 @@ class NuisanceDirections:
         """Those of responses (n, m)."""
         directions, size, _ = np.linalg.svd(responses, full_matrices=False)
         kept = size > MIN_RESPONSE
-        return cls(directions[:, kept], 1.0 / np.sqrt(1.0 + size[kept] ** 2))
+        return cls(np.ascontiguousarray(directions[:, kept]), 1.0 / np.sqrt(1.0 + size[kept] ** 2))
 
     def of_rows(self, rows: np.ndarray) -> "NuisanceDirections":
         """Those that a part of the statistics shows, marked in rows (n,)."""

@@ -68,7 +68,9 @@ def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
     tools[:, COLUMN] = neutral[COLUMN]
     rough = roughness_responses(run, tools)
     run = with_start_curvature(with_deviations(run, rough.curvature), neutral)
-    run = with_start_search(with_responses(run, [rough.directions, scatter.shared]), neutral)
+    run = with_responses(run, [rough.directions, scatter.shared])
+    neutral[COLUMN] = closest_start(run, neutral, tried)
+    run = with_start_search(run, neutral)
     best = closest_start(run, theta, tried)
     if has_effects:
         statistics = simulate_statistics(run, with_starts(theta, tried))
