@@ -116,8 +116,8 @@ def closest_start(run: ImpactRun, theta: np.ndarray, start_rad: np.ndarray) -> f
 
 def with_start_curvature(run: ImpactRun, theta: np.ndarray) -> ImpactRun:
     """The run whose standard deviations allow for start angles near that of a parameter set (P,).
-    The later a blow, the more steeply it depends on the angle: the standard deviations of the run-up
-    contain the curvature of that response near the angle.
+    The later a blow, the more steeply it depends on the angle: the standard deviations of the
+    run-up contain the curvature of that response near the angle.
     """
     if run.early is None:
         return run
