@@ -166,6 +166,19 @@ def test_a_command_of_few_levels_has_no_resolution_that_explains_a_gap() -> None
     assert kinds(compare_logs(a, b))["duty"] == "other"
 
 
+@pytest.mark.parametrize(
+    ("column", "low", "high"),
+    [("supply_v", 18.0, 12.0), ("trigger", 0.0, 1.0), ("estimate", 0.0, 5.0)],
+)
+def test_a_change_between_few_levels_is_no_resolution(column: str, low: float, high: float) -> None:
+    a, b = log_of(board_times()), log_of(board_times())
+    a.columns[column] = np.where(a.time_s < 0.3, low, high)
+    b.columns[column] = np.where(a.time_s < 1.3, low, high)
+    found = compare_logs(a, b)
+    assert kinds(found)[column] == "other" and not meets(found, "explained")
+    assert "quantisation)" not in first_sentence(found)
+
+
 @pytest.mark.parametrize("column", ["state", "current_a"])
 def test_values_of_one_log_only_are_not_explained(column: str) -> None:
     other = log_of(board_times())
