@@ -268,6 +268,28 @@ def test_other_sampling_instants_are_interpolated() -> None:
     assert next(g for g in found.signals if g.name == "state").worst_shift_s < 1.001e-3
 
 
+@pytest.mark.parametrize(("begin_s", "end_s"), [(0.0, 0.0105), (1.9, 2.0)])
+def test_a_value_that_is_missing_in_both_logs_is_not_made_up(begin_s: float, end_s: float) -> None:
+    a, b = log_of(board_times()), log_of(board_times()[:-1] + 0.4e-3)
+    for log in (a, b):
+        missing = (log.time_s >= begin_s) & (log.time_s < end_s)
+        log.columns["trigger"] = np.where(missing, np.nan, 0.5)
+    found = compare_logs(a, b)
+    assert found.pairs.interpolated
+    trigger = next(g for g in found.signals if g.name == "trigger")
+    assert (trigger.explanation, trigger.missing) == ("equal", 0)
+
+
+def test_a_hole_of_one_log_is_not_filled_by_a_straight_line() -> None:
+    other_s = board_times() + 0.4e-3
+    log = log_of(other_s[(other_s < 0.5) | (other_s > 1.0)], None, "b")
+    found = compare_logs(log_of(board_times()), log)
+    for name in ("current_a", "speed_rpm", "supply_v", "state"):
+        gap = next(g for g in found.signals if g.name == name)
+        assert 495 <= gap.missing <= 502 and gap.explanation == "other"
+        assert gap.largest < {"current_a": 0.05, "speed_rpm": 1.0, "supply_v": 0.026}.get(name, 1.5)
+
+
 @pytest.mark.parametrize("change", ["time", "columns"])
 def test_logs_with_nothing_in_common_are_refused(change: str) -> None:
     other = log_of(board_times() + (100.0 if change == "time" else 0.0))
