@@ -263,6 +263,10 @@ def test_other_sampling_instants_are_interpolated() -> None:
     other_s = 0.0004 + 0.7e-3 * np.arange(int(ROWS / 0.7) - 2)
     found = compare_logs(log_of(board_times()), log_of(other_s, None, "b"))
     assert found.pairs.interpolated
+    assert "bit for bit" not in first_sentence(found)
+    still = replace(log_of(other_s), columns={"duty": np.zeros(len(other_s))})
+    both = compare_logs(replace(log_of(board_times()), columns={"duty": np.zeros(ROWS)}), still)
+    assert both.first is None and "bit for bit" not in first_sentence(both)
     gap = next(g for g in found.signals if g.name == "current_a")
     assert 0.0 < gap.largest < 0.05
     assert next(g for g in found.signals if g.name == "state").worst_shift_s < 1.001e-3

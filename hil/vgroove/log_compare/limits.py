@@ -32,9 +32,9 @@ class Limits:
     partly_share: float = 0.75
     # Of the samples with a value in both logs, those that a time offset must keep.
     overlap_share: float = 0.5
-    # Least number of different values that show a resolution: a column of few levels has a step too,
-    # by which two logs may differ. A column that is no command shows one by fewer values where they
-    # are near each other: their step is at most this share of the largest value.
+    # Least number of different values that show a resolution: a column of few levels has a step
+    # too, by which two logs may differ. A column that is no command shows one by fewer values
+    # where they are near each other: their step is at most this share of the largest value.
     least_values: int = 8
     near_share: float = 0.01
     grid_tolerance: float = 0.05  # of a step: values are multiples of one resolution
