@@ -50,6 +50,7 @@ from vgroove.real_time.tool_ticks import ToolTicks
 from vgroove.scenario import Scenario, command_messages, make_plant, read_scenario
 from vgroove.sil import SilBoard
 from vgroove.telemetry import Frame, frame_bytes, frame_of
+from warm_cli import warm_vgroove
 
 DBC = cantools.database.load_file(ROOT / "firmware/hal/inject/hil.dbc", strict=True)
 VGROOVE = [sys.executable, "-m", "vgroove.cli"]
@@ -248,10 +249,19 @@ def test_a_bus_of_python_can_carries_a_run() -> None:
     assert_equal_to_lockstep(run, scenario)
 
 
-@pytest.mark.parametrize("spec", ["virtual", ":can0", "nothing:can0"])
+@pytest.mark.parametrize("spec", ["virtual", ":can0", "nothing:can0", "serial:0", "socketcand:a"])
 def test_an_unusable_bus_is_named(spec: str) -> None:
     with pytest.raises(VgrooveError, match="bus"):
         BusLink(spec)
+
+
+def test_an_empty_name_of_a_port_is_named(tmp_path: Path) -> None:
+    scenario = ROOT / "scenarios/spin_up.toml"
+    log = tmp_path / "run.csv"
+    for arguments in (("hil", scenario, "--port", ""), ("record", "", "-o", log)):
+        done = warm_vgroove(*arguments)
+        assert done.returncode == 2
+        assert "the name of the port is empty" in done.stderr
 
 
 def test_frames_are_those_of_the_dbc() -> None:

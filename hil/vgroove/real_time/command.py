@@ -71,7 +71,7 @@ class HilOptions:
 def _link(options: HilOptions) -> Iterator[Link]:
     if (options.port is None) == (options.bus is None):
         raise VgrooveError("name the board's line: either --port PORT or --bus INTERFACE:CHANNEL")
-    link = SerialLink(options.port, options.baud) if options.port else BusLink(options.bus or "")
+    link = BusLink(options.bus) if options.port is None else SerialLink(options.port, options.baud)
     try:
         yield link
     finally:
