@@ -491,6 +491,17 @@ def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path
     assert done.reason in ("port lost", "board silent")
 
 
+def test_a_board_that_restarts_ends_the_run_and_is_named() -> None:
+    run, reset_cycle = RealTimeRun(), str(16_000 * 400)
+    with PacedBoard(hil_elf(), 0.3, "--brown-out", reset_cycle) as board:
+        link = SerialLink(board.port)
+        with pytest.raises(VgrooveError, match="has restarted after tick") as error:
+            run_in_real_time(link, ToolTicks(scenario_of("impact_hard_joint", 0.6)), 600, run)
+        link.close()
+    assert error.value.reason == "board restarted"
+    assert 50 < len(run.exchanges) < 400
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_an_interrupted_run_is_marked_and_keeps_what_was_sent(
     tmp_path: Path, number: signal.Signals, code: int
