@@ -515,8 +515,9 @@ def test_an_interrupted_run_is_marked_and_keeps_what_was_sent(
 @pytest.mark.parametrize(
     ("drift", "text"),
     [
-        (35e-6, "drift 35.0 ppm against"),
-        (-0.09, "drift -90000.0 ppm against"),
+        (35e-6, "the board's clock is 35.0 ppm slower than the host's"),
+        (-35e-6, "the board's clock is 35.0 ppm faster than the host's"),
+        (-0.09, "the board's clock is 98901.1 ppm faster than the host's"),
         (1.0 / 0.3 - 1.0, "the board's clock runs at 0.30 of the host's"),
         (1.0 / 1.5 - 1.0, "the board's clock runs at 1.50 of the host's"),
     ],

@@ -113,14 +113,15 @@ def timing_rows(exchanges: Sequence[Exchange], clock: dict[str, float]) -> list[
 
 
 def clock_sentence(clock: dict[str, float]) -> str:
-    """The drift of the board's clock against the host's in ppm; where it exceeds that of any
-    oscillator, as with a simulated board and --pace, the rate of the board's clock instead.
+    """By how many ppm the board's clock is faster or slower than the host's; where it is by more
+    than any oscillator, as with a simulated board and --pace, the rate of the board's clock.
     """
     residual = f"{1e3 * clock['residual_s']:.3f} ms about the line"
+    rate = 1.0 / (1.0 + clock["drift"])
     if abs(clock["drift"]) > MAX_DRIFT:
-        rate = 1.0 / (1.0 + clock["drift"])
         return f"the board's clock runs at {rate:.2f} of the host's, {residual}"
-    return f"clock of the board: drift {clock['drift_ppm']:.1f} ppm against the host's, {residual}"
+    off, kind = 1e6 * abs(rate - 1.0), "faster" if rate > 1.0 else "slower"
+    return f"the board's clock is {off:.1f} ppm {kind} than the host's, {residual}"
 
 
 def late_sentence(figures: dict[str, Any]) -> str:
