@@ -338,6 +338,17 @@ def test_drift_and_offset_of_the_clocks_are_estimated() -> None:
     assert np.ptp(rows[:, 3] - rows[:, 2]) == pytest.approx(5.0 * 35e-6, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("ticks", "drift", "tolerance"),
+    [(200, 1.0 / 0.3 - 1.0, 1e-4), (255, 0.0, 4e-5), (1000, 0.01, 5e-6), (5000, 0.01, 1e-6)],
+)
+def test_the_drift_of_a_short_run_and_a_large_drift_are_estimated(
+    ticks: int, drift: float, tolerance: float
+) -> None:
+    clock = timing_figures(made_run({}, drift, ticks))["clock"]
+    assert clock["drift"] == pytest.approx(drift, abs=tolerance)
+
+
 def test_one_late_exchange_does_not_move_the_clock() -> None:
     run = made_run({}, drift=0.0)
     host = np.array([e.received_s for e in run.exchanges])
