@@ -25,6 +25,7 @@ from rich.console import Console
 from real_time_board import PACE, ROOT, BusGateway, ChangedLink, PacedBoard, hil_elf
 from vgroove import lockstep, telemetry
 from vgroove.board import default_elf
+from vgroove.command_answers import unanswered_text
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream
 from vgroove.real_time import (
@@ -47,7 +48,7 @@ from vgroove.real_time.figures import (
 )
 from vgroove.real_time.frames import DRIVE, SENSE_A, drive_of, sense_frames
 from vgroove.real_time.tool_ticks import ToolTicks
-from vgroove.scenario import Scenario, command_messages, make_plant, read_scenario
+from vgroove.scenario import Command, Scenario, command_messages, make_plant, read_scenario
 from vgroove.sil import SilBoard
 from vgroove.telemetry import Frame, frame_bytes, frame_of
 from warm_cli import warm_vgroove
@@ -166,6 +167,26 @@ def test_damaged_and_lost_frames_change_nothing() -> None:
         link.close()
     assert run.sent_again > 5
     assert_equal_to_lockstep(run, scenario)
+
+
+def test_a_command_that_is_lost_on_the_line_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    to_sync = Command(0.05, "SET_MODE", {"mode_request": 1})
+    scenario = replace(scenario_of("spin_up", 0.26), commands=(to_sync,))
+
+    def lose(frames: list[Frame]) -> list[Frame]:
+        return [frame for frame in frames if frame.id != telemetry.SET_MODE]
+
+    monkeypatch.setattr(
+        command, "SerialLink", lambda port, baud: ChangedLink(SerialLink(port, baud), lose)
+    )
+    with PacedBoard(hil_elf()) as board:
+        options = HilOptions(board.port, output=tmp_path / "hil.csv")
+        with pytest.raises(VgrooveError, match=r"not answered SET_MODE at 0\.05 s"):
+            command.run_hil(scenario, options, Console(stderr=True))
+    assert (tmp_path / "hil.csv").is_file()
+    assert unanswered_text(scenario.commands, in_lockstep(scenario), 0.26) == ""
 
 
 def test_a_late_host_changes_nothing_and_is_named() -> None:
