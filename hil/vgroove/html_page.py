@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 import rich.table
+import rich.text
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -72,14 +73,17 @@ class Table:
         return buffer.getvalue()
 
     def as_rich(self) -> rich.table.Table:
-        """The table for the terminal."""
-        table = rich.table.Table(title=self.title, title_justify="left", title_style="bold")
+        """The table for the terminal, its texts as they are."""
+        title = rich.text.Text(self.title)
+        table = rich.table.Table(title=title, title_justify="left", title_style="bold")
         for column, name in enumerate(self.header):
             table.add_column(
-                name, justify="right" if self._is_number(column) else "left", overflow="fold"
+                rich.text.Text(name),
+                justify="right" if self._is_number(column) else "left",
+                overflow="fold",
             )
         for row in self.rows:
-            table.add_row(*(shown(cell) for cell in row))
+            table.add_row(*(rich.text.Text(shown(cell)) for cell in row))
         return table
 
     def as_html(self) -> str:

@@ -16,12 +16,14 @@ class PortLock:
     before the port is opened: opening sets the rate and discards received bytes, also those of the
     program that uses the port.
 
-    VgrooveError where another program has locked the port. A port that cannot be opened is not
-    locked, and one of Windows can be opened once only.
+    VgrooveError where another program has locked the port, or its name is empty. A port that cannot
+    be opened is not locked, and one of Windows can be opened once only.
     """
 
     def __init__(self, port: str) -> None:
         self._handle: int | None = None
+        if not port:
+            raise VgrooveError("the name of the port is empty: give it as /dev/ttyACM0 or COM3.")
         if os.name != "posix":
             return
         try:

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from vgroove import lockstep, telemetry
 from vgroove.board import AvrBoard, default_elf
+from vgroove.command_answers import unanswered_text
 from vgroove.errors import VgrooveError
 from vgroove.faults import FaultyBoard, Injection
 from vgroove.mode_refusals import refused_modes
@@ -296,8 +297,10 @@ def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: 
             written = f", {log.close()} rows in {options.output}"
             if log.restart_text:
                 print_warning(errors, log.restart_text)
-    for sentence in refused_modes(scenario.commands, sent):
-        print_warning(errors, sentence)
+    unanswered = unanswered_text(scenario.commands, sent, scenario.duration_s)
+    for sentence in (*refused_modes(scenario.commands, sent), unanswered):
+        if sentence:
+            print_warning(errors, sentence)
     took = time.monotonic() - begin
     speed = f"{scenario.duration_s / took:.1f} x real time"
     print_line(errors, f"{scenario.duration_s:g} s simulated in {took:.1f} s ({speed}){written}")

@@ -15,8 +15,10 @@ PIPED_WIDTH = 130  # columns of a table that goes into a file or a pipe
 
 
 def print_line(console: Console, text: str, style: str | None = None) -> None:
-    """Print a text as it is: no markup, no highlighting, no line breaks added."""
-    console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+    """Print a text as it is: no markup, no emoji for names between colons, no highlighting, no line
+    breaks added.
+    """
+    console.print(text, style=style, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
 def print_warning(console: Console, text: str) -> None:

@@ -166,6 +166,19 @@ def test_a_command_of_few_levels_has_no_resolution_that_explains_a_gap() -> None
     assert kinds(compare_logs(a, b))["duty"] == "other"
 
 
+@pytest.mark.parametrize(
+    ("column", "low", "high"),
+    [("supply_v", 18.0, 12.0), ("trigger", 0.0, 1.0), ("estimate", 0.0, 5.0)],
+)
+def test_a_change_between_few_levels_is_no_resolution(column: str, low: float, high: float) -> None:
+    a, b = log_of(board_times()), log_of(board_times())
+    a.columns[column] = np.where(a.time_s < 0.3, low, high)
+    b.columns[column] = np.where(a.time_s < 1.3, low, high)
+    found = compare_logs(a, b)
+    assert kinds(found)[column] == "other" and not meets(found, "explained")
+    assert "quantisation)" not in first_sentence(found)
+
+
 @pytest.mark.parametrize("column", ["state", "current_a"])
 def test_values_of_one_log_only_are_not_explained(column: str) -> None:
     other = log_of(board_times())
@@ -250,9 +263,35 @@ def test_other_sampling_instants_are_interpolated() -> None:
     other_s = 0.0004 + 0.7e-3 * np.arange(int(ROWS / 0.7) - 2)
     found = compare_logs(log_of(board_times()), log_of(other_s, None, "b"))
     assert found.pairs.interpolated
+    assert "bit for bit" not in first_sentence(found)
+    still = replace(log_of(other_s), columns={"duty": np.zeros(len(other_s))})
+    both = compare_logs(replace(log_of(board_times()), columns={"duty": np.zeros(ROWS)}), still)
+    assert both.first is None and "bit for bit" not in first_sentence(both)
     gap = next(g for g in found.signals if g.name == "current_a")
     assert 0.0 < gap.largest < 0.05
     assert next(g for g in found.signals if g.name == "state").worst_shift_s < 1.001e-3
+
+
+@pytest.mark.parametrize(("begin_s", "end_s"), [(0.0, 0.0105), (1.9, 2.0)])
+def test_a_value_that_is_missing_in_both_logs_is_not_made_up(begin_s: float, end_s: float) -> None:
+    a, b = log_of(board_times()), log_of(board_times()[:-1] + 0.4e-3)
+    for log in (a, b):
+        missing = (log.time_s >= begin_s) & (log.time_s < end_s)
+        log.columns["trigger"] = np.where(missing, np.nan, 0.5)
+    found = compare_logs(a, b)
+    assert found.pairs.interpolated
+    trigger = next(g for g in found.signals if g.name == "trigger")
+    assert (trigger.explanation, trigger.missing) == ("equal", 0)
+
+
+def test_a_hole_of_one_log_is_not_filled_by_a_straight_line() -> None:
+    other_s = board_times() + 0.4e-3
+    log = log_of(other_s[(other_s < 0.5) | (other_s > 1.0)], None, "b")
+    found = compare_logs(log_of(board_times()), log)
+    for name in ("current_a", "speed_rpm", "supply_v", "state"):
+        gap = next(g for g in found.signals if g.name == name)
+        assert 495 <= gap.missing <= 502 and gap.explanation == "other"
+        assert gap.largest < {"current_a": 0.05, "speed_rpm": 1.0, "supply_v": 0.026}.get(name, 1.5)
 
 
 @pytest.mark.parametrize("change", ["time", "columns"])

@@ -8,9 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from vgroove.errors import VgrooveError
+from vgroove.html_page import Table
 from vgroove.output import check_outputs, replacing, write_text
+from vgroove.terminal import print_line
 from warm_cli import warm_vgroove
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,6 +29,17 @@ def test_what_is_written_replaces_the_old_file_and_keeps_its_permissions(tmp_pat
         and path.stat().st_mode & 0o777 == 0o640
         and os.listdir(tmp_path) == ["a.txt"]
     )
+
+
+@pytest.mark.parametrize("text", ["virtual:x: no answer", "log[b].csv", "C:a:b [red]x[/red]"])
+def test_a_text_on_the_terminal_is_printed_as_it_is(text: str) -> None:
+    console = Console(width=200)
+    with console.capture() as captured:
+        print_line(console, text)
+    assert captured.get() == f"{text}\n"
+    with console.capture() as captured:
+        console.print(Table("t", text, [text, "x"], [[text, 1.0]]).as_rich())
+    assert captured.get().count(text) == 3
 
 
 def test_a_link_stays_a_link(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from rich.console import Console
 from real_time_board import PACE, ROOT, BusGateway, ChangedLink, PacedBoard, hil_elf
 from vgroove import lockstep, telemetry
 from vgroove.board import default_elf
+from vgroove.command_answers import unanswered_text
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream
 from vgroove.real_time import (
@@ -47,9 +48,10 @@ from vgroove.real_time.figures import (
 )
 from vgroove.real_time.frames import DRIVE, SENSE_A, drive_of, sense_frames
 from vgroove.real_time.tool_ticks import ToolTicks
-from vgroove.scenario import Scenario, command_messages, make_plant, read_scenario
+from vgroove.scenario import Command, Scenario, command_messages, make_plant, read_scenario
 from vgroove.sil import SilBoard
 from vgroove.telemetry import Frame, frame_bytes, frame_of
+from warm_cli import warm_vgroove
 
 DBC = cantools.database.load_file(ROOT / "firmware/hal/inject/hil.dbc", strict=True)
 VGROOVE = [sys.executable, "-m", "vgroove.cli"]
@@ -167,6 +169,26 @@ def test_damaged_and_lost_frames_change_nothing() -> None:
     assert_equal_to_lockstep(run, scenario)
 
 
+def test_a_command_that_is_lost_on_the_line_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    to_sync = Command(0.05, "SET_MODE", {"mode_request": 1})
+    scenario = replace(scenario_of("spin_up", 0.26), commands=(to_sync,))
+
+    def lose(frames: list[Frame]) -> list[Frame]:
+        return [frame for frame in frames if frame.id != telemetry.SET_MODE]
+
+    monkeypatch.setattr(
+        command, "SerialLink", lambda port, baud: ChangedLink(SerialLink(port, baud), lose)
+    )
+    with PacedBoard(hil_elf()) as board:
+        options = HilOptions(board.port, output=tmp_path / "hil.csv")
+        with pytest.raises(VgrooveError, match=r"not answered SET_MODE at 0\.05 s"):
+            command.run_hil(scenario, options, Console(stderr=True))
+    assert (tmp_path / "hil.csv").is_file()
+    assert unanswered_text(scenario.commands, in_lockstep(scenario), 0.26) == ""
+
+
 def test_a_late_host_changes_nothing_and_is_named() -> None:
     scenario = scenario_of("impact_hard_joint", 0.42)
 
@@ -248,10 +270,19 @@ def test_a_bus_of_python_can_carries_a_run() -> None:
     assert_equal_to_lockstep(run, scenario)
 
 
-@pytest.mark.parametrize("spec", ["virtual", ":can0", "nothing:can0"])
+@pytest.mark.parametrize("spec", ["virtual", ":can0", "nothing:can0", "serial:0", "socketcand:a"])
 def test_an_unusable_bus_is_named(spec: str) -> None:
     with pytest.raises(VgrooveError, match="bus"):
         BusLink(spec)
+
+
+def test_an_empty_name_of_a_port_is_named(tmp_path: Path) -> None:
+    scenario = ROOT / "scenarios/spin_up.toml"
+    log = tmp_path / "run.csv"
+    for arguments in (("hil", scenario, "--port", ""), ("record", "", "-o", log)):
+        done = warm_vgroove(*arguments)
+        assert done.returncode == 2
+        assert "the name of the port is empty" in done.stderr
 
 
 def test_frames_are_those_of_the_dbc() -> None:
@@ -326,6 +357,17 @@ def test_drift_and_offset_of_the_clocks_are_estimated() -> None:
     rows = np.array(timing_rows(made_run({}, 35e-6).exchanges, figures["clock"]))
     assert np.median(np.abs(rows[:, 4])) < 1e-4
     assert np.ptp(rows[:, 3] - rows[:, 2]) == pytest.approx(5.0 * 35e-6, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("ticks", "drift", "tolerance"),
+    [(200, 1.0 / 0.3 - 1.0, 1e-4), (255, 0.0, 4e-5), (1000, 0.01, 5e-6), (5000, 0.01, 1e-6)],
+)
+def test_the_drift_of_a_short_run_and_a_large_drift_are_estimated(
+    ticks: int, drift: float, tolerance: float
+) -> None:
+    clock = timing_figures(made_run({}, drift, ticks))["clock"]
+    assert clock["drift"] == pytest.approx(drift, abs=tolerance)
 
 
 def test_one_late_exchange_does_not_move_the_clock() -> None:
@@ -481,6 +523,17 @@ def test_a_board_that_falls_silent_ends_the_run_with_what_it_sent(tmp_path: Path
     assert done.reason in ("port lost", "board silent")
 
 
+def test_a_board_that_restarts_ends_the_run_and_is_named() -> None:
+    run, reset_cycle = RealTimeRun(), str(16_000 * 400)
+    with PacedBoard(hil_elf(), 0.3, "--brown-out", reset_cycle) as board:
+        link = SerialLink(board.port)
+        with pytest.raises(VgrooveError, match="has restarted after tick") as error:
+            run_in_real_time(link, ToolTicks(scenario_of("impact_hard_joint", 0.6)), 600, run)
+        link.close()
+    assert error.value.reason == "board restarted"
+    assert 50 < len(run.exchanges) < 400
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_an_interrupted_run_is_marked_and_keeps_what_was_sent(
     tmp_path: Path, number: signal.Signals, code: int
@@ -494,8 +547,9 @@ def test_an_interrupted_run_is_marked_and_keeps_what_was_sent(
 @pytest.mark.parametrize(
     ("drift", "text"),
     [
-        (35e-6, "drift 35.0 ppm against"),
-        (-0.09, "drift -90000.0 ppm against"),
+        (35e-6, "the board's clock is 35.0 ppm slower than the host's"),
+        (-35e-6, "the board's clock is 35.0 ppm faster than the host's"),
+        (-0.09, "the board's clock is 98901.1 ppm faster than the host's"),
         (1.0 / 0.3 - 1.0, "the board's clock runs at 0.30 of the host's"),
         (1.0 / 1.5 - 1.0, "the board's clock runs at 1.50 of the host's"),
     ],

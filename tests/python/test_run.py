@@ -189,6 +189,20 @@ def test_a_slow_reader_loses_nothing() -> None:
     assert bytes(got) == sent
 
 
+def test_commands_that_the_board_has_not_answered_are_named(tmp_path: Path) -> None:
+    head = (ROOT / "scenarios/spin_up.toml").read_text().replace("../rigs", str(ROOT / "rigs"))
+    reads = "".join(
+        f'[[command]]\ntime_s = 0.3\nframe = "PARAM_READ"\nread_index = {k}\n' for k in range(9)
+    )
+    several, one = tmp_path / "several.toml", tmp_path / "one.toml"
+    several.write_text(f"{head}\n{reads}")
+    one.write_text(f"{head}\n{reads[: reads.index('[[', 1)]}")
+    done = warm_vgroove("run", several)
+    assert done.returncode == 0
+    assert "has not answered PARAM_READ at 0.3 s" in done.stderr and "and 1 more" in done.stderr
+    assert "not answered" not in warm_vgroove("run", one).stderr
+
+
 def test_a_reader_gets_whole_frames_only() -> None:
     frame = telemetry.frame_bytes(telemetry.frame_of(5, telemetry.FAST, bytes(7)))
     with PtyLine() as line:

@@ -45,14 +45,16 @@ def differs(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a != b) & ~(np.isnan(a) & np.isnan(b))
 
 
-def resolution(values: np.ndarray, limits: Limits, least_values: int = 2) -> float:
+def resolution(values: np.ndarray, limits: Limits, near_share: float) -> float:
     """Step of the grid on which all values (n,) lie; 0 where there is none, or where fewer than
-    least_values different ones show it.
+    `least_values` different ones show it whose step exceeds near_share of the largest value.
     """
     steps = np.diff(np.unique(values[np.isfinite(values)]))
     scale = float(np.nanmax(np.abs(values), initial=0.0))
     steps = steps[steps > 1e-9 * scale]
-    if len(steps) + 1 < least_values:
+    if not len(steps):
+        return 0.0
+    if len(steps) + 1 < limits.least_values and steps.min() > near_share * scale:
         return 0.0
     ratio = steps / steps.min()
     off = np.abs(ratio - np.round(ratio))
@@ -97,8 +99,8 @@ def signal_gap(pair: ColumnPair, limits: Limits) -> SignalGap:
     both = np.isfinite(a) & np.isfinite(b)
     gap = np.where(both, b - a, 0.0)
     first = int(np.argmax(different)) if different.any() else None
-    least = limits.command_values if name in BRIDGE_COMMAND else 2
-    steps = [resolution(values, limits, least) for values in (a, b)]
+    near_share = 0.0 if name in BRIDGE_COMMAND else limits.near_share
+    steps = [resolution(values, limits, near_share) for values in (a, b)]
     step = sum(steps) / max(1, np.count_nonzero(steps))
     discrete = name in DISCRETE
     rms = _rms(gap[both])

@@ -32,9 +32,11 @@ class Limits:
     partly_share: float = 0.75
     # Of the samples with a value in both logs, those that a time offset must keep.
     overlap_share: float = 0.5
-    # Least number of different values of a bridge command that show a resolution: one of few levels
-    # has a step too, by which two commands differ.
-    command_values: int = 8
+    # Least number of different values that show a resolution: a column of few levels has a step
+    # too, by which two logs may differ. A column that is no command shows one by fewer values
+    # where they are near each other: their step is at most this share of the largest value.
+    least_values: int = 8
+    near_share: float = 0.01
     grid_tolerance: float = 0.05  # of a step: values are multiples of one resolution
     # Of the rows of the shorter log: below it, the compared rows describe a small part of the logs.
     few_share: float = 0.1

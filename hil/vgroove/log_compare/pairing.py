@@ -10,6 +10,10 @@ from vgroove.errors import VgrooveError
 from vgroove.log.table import Log
 from vgroove.log_compare.limits import DISCRETE, Limits
 
+# Median intervals of a column between two samples up to which a straight line joins them: the lost
+# frames of a damaged line are fewer.
+MAX_HOLE = 20.0
+
 
 @dataclass(frozen=True)
 class Pairs:
@@ -29,17 +33,30 @@ class Pairs:
 
 def values_at(log: Log, name: str, time_s: np.ndarray) -> np.ndarray:
     """A column at other times (n,): straight lines between samples, for discrete quantities the
-    last sample; NaN outside the log.
+    last sample; NaN before the first and after the last sample, and within a hole: MAX_HOLE
+    intervals without a sample.
     """
-    inside = (time_s >= log.time_s[0]) & (time_s <= log.time_s[-1])
-    if name in DISCRETE:
-        last = np.searchsorted(log.time_s, time_s, side="right") - 1
-        return np.where(inside, log[name][np.maximum(last, 0)], np.nan)
-    known = np.isfinite(log[name])
+    discrete = name in DISCRETE
+    known = np.full(len(log), True) if discrete else np.isfinite(log[name])
     if not known.any():
         return np.full(len(time_s), np.nan)
-    values = np.interp(time_s, log.time_s[known], log[name][known])
-    return np.where(inside, values, np.nan)
+    known_s, values = log.time_s[known], log[name][known]
+    last = np.searchsorted(known_s, time_s, side="right") - 1
+    found = values[np.maximum(last, 0)] if discrete else np.interp(time_s, known_s, values)
+    inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
+    return np.where(inside & ~_in_hole(known_s, time_s, last), found, np.nan)
+
+
+def _in_hole(known_s: np.ndarray, time_s: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Which times (n,) lie between two samples of known_s (m,) that enclose a hole; last (n,): the
+    last sample until each time.
+    """
+    steps_s = np.diff(known_s)
+    if not len(steps_s):
+        return np.zeros(len(time_s), bool)
+    before = np.clip(last, 0, len(steps_s) - 1)
+    wide = steps_s[before] > MAX_HOLE * np.median(steps_s)
+    return wide & (time_s > known_s[before]) & (time_s < known_s[before + 1])
 
 
 def pair_rows(a: Log, b: Log, limits: Limits) -> Pairs:
@@ -71,9 +88,24 @@ def pair_rows(a: Log, b: Log, limits: Limits) -> Pairs:
             len(rows_a),
         )
     time_s = a.time_s[in_a]
-    columns_b = {name: values_at(b, name, time_s) for name in names}
-    columns_a = {name: a[name][in_a] for name in names}
+    border = -(-len(in_a) // len(in_b)) if len(in_b) > 1 else 1  # rows of A in an interval of B
+    columns = {
+        name: _without_borders(a[name][in_a], values_at(b, name, time_s), border) for name in names
+    }
+    columns_a, columns_b = ({name: pair[k] for name, pair in columns.items()} for k in (0, 1))
     return Pairs(time_s, columns_a, columns_b, True, 0, 0, min(len(in_a), len(in_b)))
+
+
+def _without_borders(a: np.ndarray, b: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two columns (n,) in which a value of one log only is missing in both where it stands in a run
+    of at most `rows`: sampling instants make such runs, where missing values begin or end.
+    """
+    alone = np.isfinite(a) != np.isfinite(b)
+    turns = np.flatnonzero(np.diff(alone, prepend=False, append=False))
+    short = np.zeros(len(a), bool)
+    for first, end in zip(turns[::2], turns[1::2], strict=True):
+        short[first:end] = end - first <= rows
+    return np.where(short, np.nan, a), np.where(short, np.nan, b)
 
 
 def _same_times(

@@ -23,8 +23,9 @@ KINDS = {
 
 def first_sentence(found: Comparison) -> str:
     """Where the logs first differ, and whether an input or an output of the board is first."""
+    alike = "equal to the interpolated ones" if found.pairs.interpolated else "equal bit for bit"
     if found.first is None:
-        return f"All {len(found.pairs.time_s)} common rows are equal bit for bit."
+        return f"All {len(found.pairs.time_s)} common rows are {alike}."
     first, names = found.first, found.first.columns
     gap = next(g for g in found.signals if g.name == names[0])
     unit = COLUMN_UNITS.get(gap.name, "")
@@ -32,7 +33,7 @@ def first_sentence(found: Comparison) -> str:
     values = f"{', '.join(sides)}{' ' + unit if unit else ''}"
     also = f"; in the same row also {', '.join(names[1:])}" if len(names) > 1 else ""
     return (
-        f"The {found.equal_rows} rows before {first.time_s:.6g} s are equal bit for bit. There "
+        f"The {found.equal_rows} rows before {first.time_s:.6g} s are {alike}. There "
         f"{names[0]} differs first ({values}), {KINDS[first.kind]}{also}."
     )
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
+from vgroove.command_answers import unanswered_text
 from vgroove.errors import VgrooveError
 from vgroove.html_page import Table
 from vgroove.mode_refusals import refused_modes
@@ -71,7 +72,7 @@ class HilOptions:
 def _link(options: HilOptions) -> Iterator[Link]:
     if (options.port is None) == (options.bus is None):
         raise VgrooveError("name the board's line: either --port PORT or --bus INTERFACE:CHANNEL")
-    link = SerialLink(options.port, options.baud) if options.port else BusLink(options.bus or "")
+    link = BusLink(options.bus) if options.port is None else SerialLink(options.port, options.baud)
     try:
         yield link
     finally:
@@ -99,8 +100,14 @@ def run_hil(scenario: Scenario, options: HilOptions, errors: Console) -> None:
             _write(run, options, errors)
             raise
     figures = _write(run, options, errors)
-    for sentence in refused_modes(scenario.commands, bytes(run.telemetry)):
+    sent = bytes(run.telemetry)
+    for sentence in refused_modes(scenario.commands, sent):
         print_warning(errors, sentence)
+    if unanswered := unanswered_text(scenario.commands, sent, scenario.duration_s):
+        raise VgrooveError(
+            f"{unanswered} on the line, so that the log may not be that of the scenario; check the "
+            "line, and send commands at least 20 ms apart"
+        )
     if run.safe_ticks:
         at = ", ".join(f"{tick * TICK_S:g}" for tick in run.safe_ticks[:5])
         raise VgrooveError(

@@ -140,6 +140,12 @@ class _Host:
             self._run.telemetry += frame_bytes(frame)
             return
         drive = drive_of(frame)
+        if drive.idle:
+            raise RunEnded(
+                f"{self._link.name}: the board has restarted after tick {self._next - 1}: check "
+                "its supply and its reset wire; what was received until then is kept",
+                "board restarted",
+            )
         if drive.safe and drive.tick not in self._run.safe_ticks:
             self._run.safe_ticks.append(drive.tick)
         if drive.tick > self._next:
@@ -190,7 +196,7 @@ def run_in_real_time(
 ) -> None:
     """Run a tool of ToolTicks for a number of ticks (ms) against a board; `run` receives the
     result, also where the run ends early. VgrooveError: no board, the line is lost, the board is
-    silent.
+    silent or has restarted.
     """
     host = _Host(link, tool, ticks, run)
     run.counters, run.planned = link.counters, ticks

@@ -13,6 +13,7 @@ from vgroove.real_time.frames import TICK_S
 
 QUANTILES = (("median", 50.0), ("99 %", 99.0), ("99.9 %", 99.9), ("worst", 100.0))
 WINDOW = 250  # exchanges; the least delay of each enters the fit of the clocks
+LEAST_WINDOWS = 8  # of a short run, whose windows are shorter
 MAX_DRIFT = 0.1  # above that of any oscillator: an RC oscillator of an AVR has 10 %
 LISTED = 20  # late steps named one by one
 
@@ -34,15 +35,21 @@ class ClockFit:
 
 
 def fit_clock(host_s: np.ndarray, board_s: np.ndarray) -> ClockFit:
-    """Offset and drift of two clocks from the times (n,) of exchanges."""
-    delay = host_s - board_s
-    starts = range(0, len(delay), WINDOW)
-    least = np.array([k + int(np.argmin(delay[k : k + WINDOW])) for k in starts])
-    x, y = board_s[least], delay[least]
-    first, second = np.triu_indices(len(x), 1)
-    far = x[second] > x[first]
-    slopes = (y[second] - y[first])[far] / (x[second] - x[first])[far]
-    drift = float(np.median(slopes)) if len(slopes) else 0.0
+    """Offset and drift of two clocks from the times (n,) of exchanges. The second pass takes the
+    least delays about the first one's line: along a drift the first exchange of a window has the
+    least delay otherwise.
+    """
+    delay, drift = host_s - board_s, 0.0
+    window = max(1, min(WINDOW, len(delay) // LEAST_WINDOWS))
+    for _ in range(2):
+        about = delay - drift * board_s
+        starts = range(0, len(delay), window)
+        least = np.array([k + int(np.argmin(about[k : k + window])) for k in starts])
+        x, y = board_s[least], delay[least]
+        first, second = np.triu_indices(len(x), 1)
+        far = x[second] > x[first]
+        slopes = (y[second] - y[first])[far] / (x[second] - x[first])[far]
+        drift = float(np.median(slopes)) if len(slopes) else 0.0
     offset = float(np.median(y - drift * x))
     return ClockFit(offset, drift, float(np.std(y - drift * x - offset)))
 
@@ -113,14 +120,15 @@ def timing_rows(exchanges: Sequence[Exchange], clock: dict[str, float]) -> list[
 
 
 def clock_sentence(clock: dict[str, float]) -> str:
-    """The drift of the board's clock against the host's in ppm; where it exceeds that of any
-    oscillator, as with a simulated board and --pace, the rate of the board's clock instead.
+    """By how many ppm the board's clock is faster or slower than the host's; where it is by more
+    than any oscillator, as with a simulated board and --pace, the rate of the board's clock.
     """
     residual = f"{1e3 * clock['residual_s']:.3f} ms about the line"
+    rate = 1.0 / (1.0 + clock["drift"])
     if abs(clock["drift"]) > MAX_DRIFT:
-        rate = 1.0 / (1.0 + clock["drift"])
         return f"the board's clock runs at {rate:.2f} of the host's, {residual}"
-    return f"clock of the board: drift {clock['drift_ppm']:.1f} ppm against the host's, {residual}"
+    off, kind = 1e6 * abs(rate - 1.0), "faster" if rate > 1.0 else "slower"
+    return f"the board's clock is {off:.1f} ppm {kind} than the host's, {residual}"
 
 
 def late_sentence(figures: dict[str, Any]) -> str:

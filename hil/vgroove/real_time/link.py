@@ -111,7 +111,7 @@ class BusLink:
             )
         try:
             self._bus = can.Bus(interface=interface, channel=channel)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
+        except Exception as error:  # an interface without its driver or arguments raises any
             raise VgrooveError(f"{spec}: the bus cannot be opened: {error}.") from error
 
     def send(self, frames: list[Frame]) -> None:
