@@ -115,15 +115,15 @@ def finish_fits(search: Search) -> None:
 
 def leave_poor_minima(search: Search) -> Search:
     """The search with the effects of least cost fitted again from the best points of populations
-    around them, where the cost is rough and retuning leaves a gap; then without effects from the
-    values of the tolerated keys that these found.
+    around them, where tolerated keys have several minima and retuning leaves a gap; then without
+    effects from the values of the keys that these found.
     """
-    if not search.problem.sigma_is_bound or not search.leaves_gap(search.retuned):
+    if not may_retune_again(search) or not search.leaves_gap(search.retuned):
         return search
     closest = search.engine.closest([search.fits[(e.id,)] for e in search.effects])
     starts = [start_near(search.engine, one, search.seed) for one in closest[: STARTS.populations]]
     search.fit_and_keep(starts, COMPARISON.max_rounds)
-    return retune_again(search) if may_retune_again(search) else search
+    return retune_again(search)
 
 
 def refit_at_wider_bounds(search: Search) -> None:
