@@ -12,10 +12,9 @@ from rich.console import Console
 
 from vgroove import lockstep, telemetry
 from vgroove.board import AvrBoard, default_elf
-from vgroove.command_answers import unanswered_text
+from vgroove.command_answers import answers_in, refused_modes, unanswered_text
 from vgroove.errors import VgrooveError
 from vgroove.faults import FaultyBoard, Injection
-from vgroove.mode_refusals import refused_modes
 from vgroove.output import check_outputs, unwritable, write_bytes
 from vgroove.progress import ProgressBar, seconds_bar
 from vgroove.pty_line import PtyLine
@@ -297,10 +296,11 @@ def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: 
             written = f", {log.close()} rows in {options.output}"
             if log.restart_text:
                 print_warning(errors, log.restart_text)
-    unanswered = unanswered_text(scenario.commands, sent, scenario.duration_s)
-    for sentence in (*refused_modes(scenario.commands, sent), unanswered):
-        if sentence:
-            print_warning(errors, sentence)
+    answers = answers_in(sent)
+    for sentence in refused_modes(scenario.commands, answers):
+        print_warning(errors, sentence)
+    if unanswered := unanswered_text(scenario.commands, answers, scenario.duration_s):
+        print_warning(errors, unanswered)
     took = time.monotonic() - begin
     speed = f"{scenario.duration_s / took:.1f} x real time"
     print_line(errors, f"{scenario.duration_s:g} s simulated in {took:.1f} s ({speed}){written}")

@@ -1,9 +1,11 @@
-// Fast mode: steps of a tool with a second body behind the anvil (coupler, pendulum) that is light,
-// so that the damping of joint and coupler would make an explicit step very short.
+// Fast mode: steps of a tool with a light second body behind the anvil (coupler, pendulum). Joint
+// and coupler damp its speed within microseconds, to which the stability of an explicit method
+// would limit the step.
 //
-// Method: the Rosenbrock method ROS34PW2 (numeric/rosenbrock.hpp). Of the Jacobian it uses the
-// block of the speeds of anvil and second body, the twist of the coupler and that of the joint,
-// which is constant: the twists are eliminated, and each stage solves two equations for the speeds.
+// Method: the Rosenbrock method ROS34PW2 (numeric/rosenbrock.hpp), which is L-stable. Of the
+// Jacobian it uses the rows and columns of four states: the speeds of anvil and second body, the
+// twists of coupler and joint. This block does not change within a step. The two twists are
+// eliminated, so that each stage solves two equations for the two speeds.
 #ifndef VGROOVE_PLANT_IMPACT_COUPLED_STEP_HPP
 #define VGROOVE_PLANT_IMPACT_COUPLED_STEP_HPP
 
@@ -12,16 +14,18 @@
 
 namespace vgroove {
 
-// Rate at which the second body's speed decays, 1/s, and its product with the step, above which the
-// method is used: below, explicit steps of higher order are longer.
+// The method is used where the second body's speed decays at more than COUPLED_RATE, 1/s, and this
+// rate times the step exceeds COUPLED_STEP. Elsewhere the explicit method, whose order is higher,
+// takes longer steps at the same error.
 constexpr double COUPLED_RATE = 8e4, COUPLED_STEP = 2.0;
 
-// The block of the Jacobian, over the inertias; joint: 0 while the head slips
+// Elements of the block: dampings (1/s) and stiffnesses (1/s^2) over an inertia, and the equation
+// of the joint's twist, e' = sticks w2 - relaxation e, with w2 the speed of the second body
 struct CoupledBlock {
-    double anvil_damping, anvil_stiffness;    // coupler on the anvil, 1/s, 1/s^2
-    double output_damping, output_stiffness;  // coupler on the second body
-    double joint_damping, joint_stiffness;    // joint on the second body
-    double sticks, relaxation;                // twist of the joint: e' = sticks w2 - relaxation e
+    double anvil_damping, anvil_stiffness;    // of the coupler, over the anvil's inertia
+    double output_damping, output_stiffness;  // of the coupler, over the second body's inertia
+    double joint_damping, joint_stiffness;    // of the joint, over that; 0 while the head slips
+    double sticks, relaxation;  // 1 and 0 while the head sticks, else 0 and K / C, 1/s
 };
 VGROOVE_INLINE CoupledBlock coupled_block(const Impact &m, const ImpactMode &mode) {
     const bool sticks = mode.slip == 0;
@@ -77,7 +81,7 @@ VGROOVE_INLINE ImpactState<L> coupled_slope(const CoupledBlock &b, double h,
     return k;
 }
 
-// One trial step of length h; error: of each state, per second
+// Tries a step of length h; error: estimated local error of each state over h
 template <class L>
 VGROOVE_CLONES_APART void coupled_attempt(ImpactSolver<L> &self, double h, ImpactState<L> &error) {
     ImpactStep<L> &t = self.step;

@@ -19,8 +19,9 @@ template <class L> VGROOVE_INLINE double ring_swing(const Impact &m, const Impac
                      s.x[L::ANVIL_SPEED] * s.x[L::ANVIL_SPEED] / m.ring_square);
 }
 
-// Bound of the torque T = K e + C e' of the untouched anvil from here on. T obeys the equation of
-// the twist e itself, so that T^2 + T'^2 / ring_square never grows.
+// Upper bound of |K e + C e'|, the joint's torque T on an anvil that nothing touches, for all later
+// times. T is a sum of solutions of e'' + 2 ring_decay e' + ring_square e = 0 and so a solution
+// itself; T^2 + T'^2 / ring_square falls at the rate 4 ring_decay T'^2 / ring_square.
 template <class L> VGROOVE_INLINE double ring_torque(const Impact &m, const ImpactState<L> &s) {
     const double twist = s.x[L::TWIST], speed = s.x[L::ANVIL_SPEED];
     const double torque = m.joint.stiffness * twist + m.joint.damping * speed;
@@ -29,9 +30,9 @@ template <class L> VGROOVE_INLINE double ring_torque(const Impact &m, const Impa
     return std::sqrt(torque * torque + rate * rate / m.ring_square);
 }
 
-// Amplitude of the part of the twist that may reach a lug within a long step although it does not
-// at its ends, rad: the whole oscillation; of an anvil that creeps back only the faster of its two
-// exponentials.
+// Amplitude, rad, of the part of the twist that may make the anvil touch a lug within a long step
+// and not at its ends: of an oscillation the whole amplitude, above critical damping that of the
+// faster of the two exponentials.
 template <class L> VGROOVE_INLINE double ring_hidden(const Impact &m, const ImpactState<L> &s) {
     if (m.ring_swings || m.ring_rate <= 0.0)
         return ring_swing<L>(m, s);

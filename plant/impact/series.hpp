@@ -19,7 +19,8 @@ namespace vgroove {
 constexpr int SERIES_GROOVE = 3;
 constexpr double SERIES_SHARE = 0.7;    // of the length that the last terms allow
 constexpr double SERIES_NEXT_S = 6e-4;  // first step of the method that follows the series
-// Factor of a step's growth, by its error, from which the error does not limit the next series
+// A step whose error would allow the next one to be so many times longer does not limit the next
+// series: the last terms of that series do.
 constexpr double SERIES_FREE = 2.0;
 constexpr Reciprocals<SERIES_ORDER> SERIES_RECIPROCAL = reciprocals<SERIES_ORDER>();
 

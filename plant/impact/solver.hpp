@@ -97,7 +97,7 @@ template <class L> struct ImpactSolver {
     double tolerance;
     double fixed_s;    // step of the fixed-step mode; 0: adaptive
     double allowed_s;  // step that the error allows
-    double series_s;   // step that the error of the last series allows to the next
+    double series_s;   // longest step of the next Taylor series, by the error of the last one
     bool slope_stale;  // slope and events must be computed again
     bool pending;      // `step` has been tried and is not yet accepted: the present lies in it,
     double elapsed_s;  // this long after its start

@@ -25,7 +25,7 @@ from rich.console import Console
 from real_time_board import PACE, ROOT, BusGateway, ChangedLink, PacedBoard, hil_elf
 from vgroove import lockstep, telemetry
 from vgroove.board import default_elf
-from vgroove.command_answers import unanswered_text
+from vgroove.command_answers import answers_in, unanswered_text
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream
 from vgroove.real_time import (
@@ -186,7 +186,7 @@ def test_a_command_that_is_lost_on_the_line_is_an_error(
         with pytest.raises(VgrooveError, match=r"not answered SET_MODE at 0\.05 s"):
             command.run_hil(scenario, options, Console(stderr=True))
     assert (tmp_path / "hil.csv").is_file()
-    assert unanswered_text(scenario.commands, in_lockstep(scenario), 0.26) == ""
+    assert unanswered_text(scenario.commands, answers_in(in_lockstep(scenario)), 0.26) == ""
 
 
 def test_a_late_host_changes_nothing_and_is_named() -> None:

@@ -44,7 +44,7 @@ class Dialect:
     in_cells: tuple[str, ...] = ()
 
     def is_header_again(self, row: Sequence[str]) -> bool:
-        """Whether the cells of a row repeat the names of the columns."""
+        """Whether a row is the line of column names once more, as where files were joined."""
         begins = bool(row) and row[0].strip() == self.header[0]
         return begins and tuple(cell.strip() for cell in row) == self.header
 

@@ -48,8 +48,9 @@ def values_at(log: Log, name: str, time_s: np.ndarray) -> np.ndarray:
 
 
 def _in_hole(known_s: np.ndarray, time_s: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Which times (n,) lie between two samples of known_s (m,) that enclose a hole; last (n,): the
-    last sample until each time.
+    """Whether each time (n,) lies in a hole: between two successive samples, at known_s (m,), that
+    are more than MAX_HOLE median intervals apart. last (n,): index of the last sample at or before
+    each time.
     """
     steps_s = np.diff(known_s)
     if not len(steps_s):

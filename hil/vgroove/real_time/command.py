@@ -13,10 +13,9 @@ from typing import Any
 
 from rich.console import Console
 
-from vgroove.command_answers import unanswered_text
+from vgroove.command_answers import answers_in, refused_modes, unanswered_text
 from vgroove.errors import VgrooveError
 from vgroove.html_page import Table
-from vgroove.mode_refusals import refused_modes
 from vgroove.output import check_outputs, write_all
 from vgroove.progress import seconds_bar
 from vgroove.real_time.exchange import COMPLETE, RealTimeRun, run_in_real_time
@@ -100,10 +99,10 @@ def run_hil(scenario: Scenario, options: HilOptions, errors: Console) -> None:
             _write(run, options, errors)
             raise
     figures = _write(run, options, errors)
-    sent = bytes(run.telemetry)
-    for sentence in refused_modes(scenario.commands, sent):
+    answers = answers_in(bytes(run.telemetry))
+    for sentence in refused_modes(scenario.commands, answers):
         print_warning(errors, sentence)
-    if unanswered := unanswered_text(scenario.commands, sent, scenario.duration_s):
+    if unanswered := unanswered_text(scenario.commands, answers, scenario.duration_s):
         raise VgrooveError(
             f"{unanswered} on the line, so that the log may not be that of the scenario; check the "
             "line, and send commands at least 20 ms apart"

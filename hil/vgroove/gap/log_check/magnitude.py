@@ -28,8 +28,8 @@ def magnitude_findings(pairs: list[Pair]) -> list[Finding]:
 
 
 def _rows_of_magnitude(pair: Pair) -> int:
-    """Number of rows in which the nominal signal is negative and the column has its magnitude; 0
-    for a column with sign.
+    """Number of rows of a column that hold the absolute value of a nominal signal that is negative
+    there; 0 where the column has negative values of its own.
     """
     known = np.isfinite(pair.measured) & np.isfinite(pair.nominal)
     measured, nominal = pair.measured[known], pair.nominal[known]

@@ -1,5 +1,6 @@
 """Channels: one measured signal of a log each, and the prediction of the model for it."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -73,7 +74,7 @@ class InterpolationPoints:
 
 
 @dataclass(frozen=True)
-class Channel:
+class Channel(ABC):
     """One judged signal of one log: m samples that end at rows of the log.
 
     A censored sample is only an upper bound of the speed: a timeout sample of a Hall sensor, one
@@ -107,9 +108,9 @@ class Channel:
         """The channel with the samples of a mask (m,)."""
         return replace(self, **{f.name: _selected(vars(self)[f.name], keep) for f in fields(self)})
 
+    @abstractmethod
     def model(self, simulation: Simulation) -> np.ndarray:
         """Prediction of the model for this channel (B, m), in the signal's unit."""
-        raise NotImplementedError
 
     def compared(self, simulation: Simulation) -> np.ndarray:
         """What the measurement is compared with (B, m): the model plus that part of the shared

@@ -24,8 +24,8 @@ def overall_rating(reference: np.ndarray, comparison: np.ndarray, dt: float) -> 
 
 @cache
 def _metric() -> type:
-    """The package's class with the warping of this module; its own (numba, matplotlib: seconds of
-    start-up) is replaced by a stub while the package is imported.
+    """The package's class with the warping of this module. The package is imported without numba
+    and matplotlib, which its own warping and plots need and which take seconds to load.
     """
     absent = {name: MagicMock() for name in UNUSED_MODULES if name not in sys.modules}
     with patch.dict(sys.modules, absent):

@@ -97,8 +97,8 @@ def cauchy_loss(search: Search, one: Fit) -> float:
 
 
 def discrepancy_of(search: Search, best: Fit) -> np.ndarray:
-    """Factor (n,) by which the sensors' standard deviation of each residual is widened, the same
-    for all rows of a signal, from what a fit leaves.
+    """Factors (n,) by which the sensors' standard deviations are multiplied so that they cover what
+    a fit leaves of each signal; all residuals of a signal have the same factor.
     """
     problem = search.problem
     size = np.abs(best.out_of_fold * search.engine.discrepancy)

@@ -31,15 +31,17 @@ class NuisanceDirections:
         return cls(np.ascontiguousarray(directions[:, kept]), 1.0 / np.sqrt(1.0 + size[kept] ** 2))
 
     def of_rows(self, rows: np.ndarray) -> "NuisanceDirections":
-        """Those that a part of the statistics shows, marked in rows (n,)."""
+        """The directions of a part of the statistics alone, which `rows` (n,) marks: those of the
+        covariance of that part.
+        """
         return self.of(self.directions[rows] * np.sqrt(1.0 / self.remains**2 - 1.0))
 
     def whitened(self, residual: np.ndarray) -> np.ndarray:
         """Residuals (..., n) times the symmetric inverse root of the covariance, so that each still
         belongs to its own statistic.
         """
-        # contiguous sums, one residual after the other: those of a matrix product depend on the
-        # number of residuals
+        # One scalar product at a time: the rounding of a matrix product depends on the number of
+        # residuals.
         residual = np.ascontiguousarray(residual)
         along = np.vecdot(residual[..., None, :], np.ascontiguousarray(self.directions.T))
         return residual - np.vecdot((along * (1.0 - self.remains))[..., None, :], self.directions)

@@ -71,8 +71,9 @@ def with_nuisances(run: ImpactRun, rig: Rig) -> tuple[ImpactRun, np.ndarray]:
     run = with_responses(run, [rough.directions, scatter.shared])
     neutral[COLUMN] = closest_start(run, neutral, tried)
     run = with_start_search(run, neutral)
-    best = closest_start(run, theta, tried)
+    best = neutral[COLUMN]
     if has_effects:
+        best = closest_start(run, theta, tried)
         statistics = simulate_statistics(run, with_starts(theta, tried))
     return run, np.concatenate([[best], other_starts(run, tried, statistics)])
 
